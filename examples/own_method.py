@@ -50,8 +50,8 @@ class SightFilter:
         u, arrays = radio.amplitude(d), (radio.anchor_aperture[anchor], radio.agent_aperture)
         angles = map(radio.angle_std, (u, u), (aod, aoa), arrays)
         spread = slopes @ self.covariance @ slopes.T + np.diag([radio.distance_std(u), *angles]) ** 2
-        heard = np.column_stack([scan.distance_m, scan.aod_rad, scan.aoa_rad])[scan.anchor == anchor]
-        off = heard - [d, aod, aoa]
+        measured = np.column_stack([scan.distance_m, scan.aod_rad, scan.aoa_rad])[scan.anchor == anchor]
+        off = measured - [d, aod, aoa]
         off[:, 1:] = (off[:, 1:] + np.pi) % (2 * np.pi) - np.pi
         misfit = np.einsum("mi,ij,mj->m", off, np.linalg.inv(spread), off)
         if (misfit < GATE).any():  # never of NaN, which stands for an angle that wasn't measured

@@ -19,7 +19,7 @@ settings.register_profile("other", derandomize=False)
 settings.load_profile(os.environ.get("GRIDSLAM_EXAMPLES", "same"))
 
 
-class Said(NamedTuple):
+class CommandResult(NamedTuple):
     code: int
     out: str
     err: str
@@ -41,7 +41,7 @@ def say(tmp_path, monkeypatch, capsys):
         capsys.readouterr()
         with pytest.raises(SystemExit) as stop:
             main()
-        return Said(stop.value.code, *capsys.readouterr())
+        return CommandResult(stop.value.code, *capsys.readouterr())
 
     return call
 

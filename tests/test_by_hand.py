@@ -77,8 +77,8 @@ def test_angles_of_a_drawn_example_in_simulator_and_filter():
     ahead = [3.0 + np.cos(np.pi / 6), 4.0 + 0.5]
     paths = true_paths(scene_of(walls=walls, waypoints_m=[ahead], steps=1), "me")
     still = {"position_m": 0.0, "velocity_mps": 0.0, "heading_deg": 0.0}
-    unheard = {"snr_at_1m_db": 0.0, "detection_threshold_db": 20.0}  # so that silence says nothing
-    scene = scene_of(radio=unheard, prior=still, step_m=1e-4)
+    silent = {"snr_at_1m_db": 0.0, "detection_threshold_db": 20.0}  # so that silence says nothing
+    scene = scene_of(radio=silent, prior=still, step_m=1e-4)
     known = replace(gs.GridSlam(scene).map(), surfaces=wall(), surface_reflection=None)
     slam = gs.GridSlam(scene, prior_map=known)
     bank = replace(slam.state.surfaces, single=np.full_like(slam.state.surfaces.single, 0.99))

@@ -170,14 +170,14 @@ def test_names_of_the_api_are_there():
 
 def test_words_of_health_that_are_explained_are_said():
     """The words of notes in docs/troubleshooting.md stand in the code, numbers and names apart."""
-    said = next(text for file, text in texts().items() if file.parts[-2:] == ("health", "reasons.py"))
+    source = next(text for file, text in texts().items() if file.parts[-2:] == ("health", "reasons.py"))
     page = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
     notes = page[page.index("## The run") : page.index("| errors of centimetres")]
     phrases = re.findall(r"^\| `([^`]+)` \|", notes, re.M)
     assert len(phrases) > 5
     for phrase in phrases:
         for part in re.split(r" ?\b[NMX]\b(?: %)? ?", phrase):
-            assert part.strip(" ,") in said, phrase
+            assert part.strip(" ,") in source, phrase
 
 
 def test_faults_of_built_pages_are_found(tmp_path):

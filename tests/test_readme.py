@@ -41,9 +41,9 @@ def test_main_command_ends_in_a_command_that_there_is(say):
     run, _ = setup_commands()
     last = shlex.split(run.split("&&")[-1])
     assert last[0] == ".venv/bin/gridslam"
-    said = say(*last[1:], "--help")
-    assert said.code == 0
-    assert "scene" in said.out.lower()
+    result = say(*last[1:], "--help")
+    assert result.code == 0
+    assert "scene" in result.out.lower()
 
 
 def test_gate_runs_the_test_command_of_the_readme():
@@ -57,11 +57,11 @@ def test_sample_of_own_data_fits_the_room_and_gives_no_phantom_wall(say, tmp_pat
     (sample,) = re.findall(r"^```text\n(step,time_s,anchor.*?)^```", page, re.M | re.S)
     path = tmp_path / "heard.csv"
     path.write_text(sample)
-    said = say("check", path, "--scene", "room")
-    assert (said.code, said.err) == (0, "")
-    assert "suspect" not in said.out
-    assert "fit the scene" in said.out
-    share = re.search(r"in (\d+)% of \d+ scans", said.out)
+    result = say("check", path, "--scene", "room")
+    assert (result.code, result.err) == (0, "")
+    assert "suspect" not in result.out
+    assert "fit the scene" in result.out
+    share = re.search(r"in (\d+)% of \d+ scans", result.out)
     assert int(share[1]) >= 80
     scene = gs.Scene.load("room")
     run = gs.map_scene(scene, gs.Measurements.from_csv(path, scene.anchor_names), seed=1)

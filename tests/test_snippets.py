@@ -56,10 +56,10 @@ def test_page_runs_from_top_to_bottom(page, brief, say, no_figures, monkeypatch,
             exec(compile(text, f"{page.name}, block {number + 1}", "exec"), names)
             continue
         for words in commands(text):
-            said = say(*words, *(["--help"] if words[0] in HEAVY else []))
+            result = say(*words, *(["--help"] if words[0] in HEAVY else []))
             told = re.compile(r"note: |\d+ of \d+ runs$")  # progress
-            notes = [line for line in said.complaints if not told.match(line)]
-            assert (said.code, notes) == (0, []), words
+            notes = [line for line in result.complaints if not told.match(line)]
+            assert (result.code, notes) == (0, []), words
     for name in set(sys.modules) - before:  # modules that a page wrote
         if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
             del sys.modules[name]

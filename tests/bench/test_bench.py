@@ -182,12 +182,12 @@ def test_command_writes_the_json_it_shows(say, quick, monkeypatch, tmp_path):
         return kept
 
     monkeypatch.setattr(bench, "measure", measure)
-    said = say("bench", "--quick", "--json", "speed.json")
-    assert (said.code, said.err) == (0, "")
+    result = say("bench", "--quick", "--json", "speed.json")
+    assert (result.code, result.err) == (0, "")
     assert json.loads((tmp_path / "speed.json").read_text()) == json.loads(kept.to_json())
     for kernel in kept.kernels:
-        assert f"{kernel.name} " in said.out
-    assert "…" not in said.out, "no table is cut"
+        assert f"{kernel.name} " in result.out
+    assert "…" not in result.out, "no table is cut"
 
 
 ONE_KERNEL = """
@@ -230,10 +230,10 @@ def test_first_step_of_a_run_is_told_once_it_is_done_and_nothing_more(tmp_path):
 @pytest.mark.parametrize("name", ["", "missing/speed.json"])
 def test_json_that_cant_be_written_is_refused_before_anything_is_measured(say, name, monkeypatch, tmp_path):
     monkeypatch.setattr(bench, "measure", lambda *_: pytest.fail("measured"))
-    said = say("bench", "--json", tmp_path / name)
-    assert said.code == 2
-    assert len(said.complaints) == 1
-    assert "--json" in said.complaints[0]
+    result = say("bench", "--json", tmp_path / name)
+    assert result.code == 2
+    assert len(result.complaints) == 1
+    assert "--json" in result.complaints[0]
 
 
 def test_unknown_device_is_refused(say):

@@ -23,7 +23,7 @@ LONGER = {"world aoa", "dB"}
 
 
 @pytest.fixture(scope="module")
-def heard():
+def tables():
     return {
         (name, seed): simulate(scene, "agent1", seed) for name, scene in SCENES.items() for seed in (1, 2)
     }
@@ -67,9 +67,9 @@ SPOILT = {
         for case, name in zip(SPOILT, cycle(SCENES), strict=False)  # each in one of two rooms
     ],
 )
-def test_each_usual_error_is_named_and_nothing_else(heard, case, name):
+def test_each_usual_error_is_named_and_nothing_else(tables, case, name):
     column, kind, spoil = SPOILT[case]
-    table, scene = heard[name, 1], SCENES[name]
+    table, scene = tables[name, 1], SCENES[name]
     good = columns(table, None if case in LONGER else BRIEF)
     spoilt = spoil(good, scene, table.truth.heading_rad[good["step"]])
     found = suspicions(good | {column: spoilt}, table.anchors, scene)
@@ -82,8 +82,8 @@ def test_each_usual_error_is_named_and_nothing_else(heard, case, name):
 
 
 @pytest.mark.slow
-def test_two_errors_at_once_are_both_named(heard):
-    table = heard["room", 1]
+def test_two_errors_at_once_are_both_named(tables):
+    table = tables["room", 1]
     good = columns(table, BRIEF)
     both = {"distance_m": good["distance_m"] / SPEED_OF_LIGHT, "aoa_rad": -good["aoa_rad"]}
     assert kinds(good | both, table.anchors, SCENES["room"]) == [
@@ -99,8 +99,8 @@ def test_two_errors_at_once_are_both_named(heard):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), [("room", 1), ("alcove", 2)])
 @pytest.mark.parametrize("missing", [(), ("amplitude",), ("aod_rad",), ("aoa_rad", "aod_rad")])
-def test_clean_tables_raise_no_alarm(heard, name, seed, missing):
-    table = heard[name, seed]
+def test_clean_tables_raise_no_alarm(tables, name, seed, missing):
+    table = tables[name, seed]
     good = {key: values for key, values in columns(table).items() if key not in missing}
     assert suspicions(good, table.anchors, SCENES[name]) == []
     assert suspicions(good, table.anchors) == []
@@ -127,8 +127,8 @@ def test_clutter_alone_raises_no_alarm():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("value", [-999.0, 0.0])
-def test_padding_is_named_and_the_rest_still_judged(heard, value):
-    table = heard["room", 1]
+def test_padding_is_named_and_the_rest_still_judged(tables, value):
+    table = tables["room", 1]
     good = columns(table, BRIEF)
     rows = np.arange(len(good["step"])) % 7 == 3
     names = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
@@ -140,8 +140,8 @@ def test_padding_is_named_and_the_rest_still_judged(heard, value):
 
 
 @pytest.mark.slow
-def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, heard):
-    table = heard["room", 1]
+def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, tables):
+    table = tables["room", 1]
     path = tmp_path / "heard.csv"
     table.to_csv(path)
     lines = describe(path, SCENES["room"])
@@ -158,8 +158,8 @@ def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, heard):
     assert "degrees" in lines[-2]
 
 
-def test_same_lines_from_every_format(tmp_path, heard):
-    table = heard["alcove", 1]
+def test_same_lines_from_every_format(tmp_path, tables):
+    table = tables["alcove", 1]
     table.to_csv(tmp_path / "a.csv")
     table.to_h5(tmp_path / "a.h5")
     told, more = describe(tmp_path / "a.csv"), describe(tmp_path / "a.h5")
@@ -167,8 +167,8 @@ def test_same_lines_from_every_format(tmp_path, heard):
 
 
 @pytest.mark.slow
-def test_other_anchors_and_agents_are_refused(tmp_path, heard):
-    table = heard["room", 1]
+def test_other_anchors_and_agents_are_refused(tmp_path, tables):
+    table = tables["room", 1]
     found = suspicions(columns(table), ("X", "Y"), SCENES["room"])
     assert [item.column for item in found] == ["anchor"]
     assert suspicions(columns(table), ("1", "2"), SCENES["room"]) == []
@@ -178,8 +178,8 @@ def test_other_anchors_and_agents_are_refused(tmp_path, heard):
         describe(tmp_path / "none.csv")
 
 
-def test_sight_follows_the_agent(heard):
-    table = heard["alcove", 2]
+def test_sight_follows_the_agent(tables):
+    table = tables["alcove", 2]
     seen = explain(columns(table), SCENES["alcove"], "agent1")
     gap = np.linalg.norm(seen.position_m - table.truth.position_m[: len(seen.position_m)], axis=1)
     assert np.median(gap) < 0.25

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from check_tables import BRIEF, NAMES, SCENES, heard, named
+from check_tables import BRIEF, NAMES, SCENES, named, simulated_columns
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
@@ -27,7 +27,7 @@ def size(text, unit="m"):
 @pytest.mark.slow
 def test_clock_offset_that_the_scene_allows_for_is_none():
     name = "alcove"
-    columns = heard(name, 1, steps=BRIEF)
+    columns = simulated_columns(name, 1, steps=BRIEF)
     late = columns | {"distance_m": columns["distance_m"] + OFFSET_M}
     text = SCENES[name].to_toml()
     for prior, kinds in ((10.0, []), (1.0, ["offset"])):
@@ -42,7 +42,7 @@ def test_clock_offset_that_the_scene_allows_for_is_none():
 @pytest.mark.parametrize(("name", "seed"), [("room", 1), ("alcove", 2)])
 class TestErrorsOfDistancesAreNamed:
     def test_clock_offset_of_all_anchors(self, name, seed):
-        columns = heard(name, seed, steps=BRIEF)
+        columns = simulated_columns(name, seed, steps=BRIEF)
         (found,) = named(columns | {"distance_m": columns["distance_m"] + OFFSET_M}, name)
         assert (found.column, found.kind, found.certain) == ("distance_m", "offset", True)
         assert "of all anchors" in found.text
@@ -50,7 +50,7 @@ class TestErrorsOfDistancesAreNamed:
         assert size(found.text, "ns") == pytest.approx(5, abs=0.4)
 
     def test_clock_offset_of_one_anchor(self, name, seed):
-        columns = heard(name, seed, steps=BRIEF)
+        columns = simulated_columns(name, seed, steps=BRIEF)
         late = columns["distance_m"] + np.where(columns["anchor"] == 1, OFFSET_M, 0)
         (found,) = named(columns | {"distance_m": late}, name)
         assert (found.column, found.kind) == ("distance_m", "offset")
@@ -58,7 +58,7 @@ class TestErrorsOfDistancesAreNamed:
         assert size(found.text) == pytest.approx(OFFSET_M, abs=0.1)
 
     def test_anchors_above_the_agent(self, name, seed):
-        columns = heard(name, seed, steps=BRIEF)
+        columns = simulated_columns(name, seed, steps=BRIEF)
         (found,) = named(columns | {"distance_m": np.hypot(columns["distance_m"], 1.5)}, name)
         assert (found.column, found.kind) == ("distance_m", "slant")
         assert "of all anchors" in found.text
@@ -71,13 +71,13 @@ class TestErrorsOfDistancesAreNamed:
 )
 def test_clean_tables_of_every_bundled_scene_raise_no_alarm(name, agent):
     scene = SCENES[name]
-    assert suspicions(heard(name, 1, agent), scene.anchor_names, scene, agent) == []
+    assert suspicions(simulated_columns(name, 1, agent), scene.anchor_names, scene, agent) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["room", "canyon"])
 def test_exchanged_anchors_are_named(name):
-    columns, count = heard(name, 2, steps=BRIEF), len(SCENES[name].anchors)
+    columns, count = simulated_columns(name, 2, steps=BRIEF), len(SCENES[name].anchors)
     order = np.roll(np.arange(count), 1)
     (found,) = named(columns | {"anchor": order[columns["anchor"]]}, name)
     assert (found.column, found.kind) == ("anchor", "names")
@@ -89,7 +89,7 @@ def test_exchanged_anchors_are_named(name):
 
 @pytest.mark.slow
 def test_names_that_differ_in_case_are_named_and_the_rest_still_judged():
-    columns, scene = heard("room", 1, steps=BRIEF), SCENES["room"]
+    columns, scene = simulated_columns("room", 1, steps=BRIEF), SCENES["room"]
     found = suspicions(columns | {"aoa_rad": -columns["aoa_rad"]}, ("a", "b"), scene)
     assert [(item.column, item.kind) for item in found] == [("anchor", "case"), ("aoa_rad", "flipped")]
 
@@ -100,7 +100,7 @@ def test_names_that_differ_in_case_are_named_and_the_rest_still_judged():
     [(0.0, "milliseconds"), (1.7e12, "milliseconds"), (1.7e18, "nanoseconds"), (0.0, "fast")],
 )
 def test_times_that_are_no_seconds_are_named(epoch, kind):
-    columns = heard("room", 1, steps=BRIEF)
+    columns = simulated_columns("room", 1, steps=BRIEF)
     factor = {"nanoseconds": 1e9, "milliseconds": 1e3, "fast": 1e-3}[kind]
     (found,) = named(columns | {"time_s": epoch + factor * columns["time_s"]}, "room")
     assert (found.column, found.kind) == ("time_s", kind)
@@ -122,7 +122,7 @@ def test_decibels_are_named_where_they_are_as_large_as_what_they_stand_for():
 @pytest.mark.slow
 def test_few_lines_of_sight_suffice_where_the_faintest_are_at_the_threshold():
     """In the hall one anchor at a time is in sight, and decibels are as large as what they stand for."""
-    columns = heard("hall", 1)
+    columns = simulated_columns("hall", 1)
     for amplitude, kind in (
         (20 * np.log10(columns["amplitude"]), "dB"),
         (columns["amplitude"] ** 2, "power"),
@@ -139,7 +139,7 @@ def test_few_lines_of_sight_suffice_where_the_faintest_are_at_the_threshold():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3, 5])
 def test_missing_distances_are_named(seed):
-    columns = heard("room", seed, steps=BRIEF)
+    columns = simulated_columns("room", seed, steps=BRIEF)
     del columns["distance_m"]
     (found,) = named(columns, "room")
     assert (found.column, found.kind) == ("distance_m", "missing")
@@ -148,7 +148,7 @@ def test_missing_distances_are_named(seed):
 @pytest.mark.slow
 def test_half_a_fit_is_no_fit_and_no_cure_is_made_up(tmp_path):
     """Every second reading of each anchor's angles is another's: no cure explains that."""
-    columns, draw = heard("room", 1, steps=BRIEF), np.random.default_rng(1)
+    columns, draw = simulated_columns("room", 1, steps=BRIEF), np.random.default_rng(1)
     lost = np.isin(columns["step"], draw.choice(BRIEF, BRIEF // 2, replace=False))
     for key in ("aod_rad", "aoa_rad"):
         columns[key] = np.where(lost, draw.uniform(-3, 3, len(lost)), columns[key])
@@ -164,7 +164,7 @@ def test_half_a_fit_is_no_fit_and_no_cure_is_made_up(tmp_path):
 @pytest.mark.slow
 def test_distances_that_are_all_off_do_not_make_amplitudes_squares():
     """Close to the one anchor heard, an offset bends their curve as a square would."""
-    columns = heard("alcove", 1)
+    columns = simulated_columns("alcove", 1)
     columns = {key: values[columns["anchor"] == 0] for key, values in columns.items()}
     found = named(columns | {"distance_m": columns["distance_m"] + OFFSET_M}, "alcove")
     assert [(item.kind, item.certain) for item in found] == [("offset", False)]
@@ -174,7 +174,7 @@ def test_distances_that_are_all_off_do_not_make_amplitudes_squares():
 @pytest.mark.slow
 def test_right_tables_are_not_said_to_misfit_where_too_little_is_known(tmp_path):
     """Distances alone, and scenes without walls, which may hide anchors: no verdict, and no false one."""
-    columns, path = heard("hall", 1), tmp_path / "heard.csv"
+    columns, path = simulated_columns("hall", 1), tmp_path / "heard.csv"
     Measurements(**columns, anchors=("A", "B")).to_csv(path)
     data = SCENES["hall"].model_dump(exclude_none=True)
     blind = gs.Scene.checked({**data, "walls": []}, "blind")
@@ -188,7 +188,7 @@ def test_right_tables_are_not_said_to_misfit_where_too_little_is_known(tmp_path)
 
 
 def test_tables_of_one_anchor_at_a_time_are_not_said_to_have_right_heights(tmp_path):
-    columns, path = heard("room", 1, steps=BRIEF), tmp_path / "heard.csv"
+    columns, path = simulated_columns("room", 1, steps=BRIEF), tmp_path / "heard.csv"
     for turns, told in ((False, False), (True, True)):
         rows = columns["anchor"] == columns["step"] // 8 % 2 if turns else columns["step"] >= 0
         Measurements(**{n: v[rows] for n, v in columns.items()}, anchors=("A", "B")).to_csv(path)
@@ -211,7 +211,7 @@ def test_an_offset_stands_beside_a_height_of_the_same_anchors_alone():
 
 @pytest.mark.slow
 def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
-    columns = heard("room", 1, steps=BRIEF)
+    columns = simulated_columns("room", 1, steps=BRIEF)
     for name, spoilt in (("good", {}), ("late", {"distance_m": columns["distance_m"] + OFFSET_M})):
         Measurements(**columns | spoilt, anchors=("A", "B")).to_csv(tmp_path / f"{name}.csv")
     good, late = say("check", "good.csv", "--scene", "room"), say("check", "late.csv", "--scene", "room")
@@ -232,7 +232,7 @@ def test_exit_code_tells_scripts_of_suspects(say, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("times", [np.inf, np.nan, [0.0, np.inf, 1.0], [-1e308, 1e308, -1e308]])
 def test_times_that_are_no_numbers_are_looked_at_without_a_warning(times):
-    columns = heard("room", 1, steps=BRIEF)
+    columns = simulated_columns("room", 1, steps=BRIEF)
     columns["time_s"] = np.resize(np.array(times), len(columns["step"]))[columns["step"]]
     assert intervals(columns) == [] or intervals(columns)[0].startswith("  time_s: median")
     assert named(columns, "room") is not None
@@ -243,7 +243,7 @@ def test_times_that_are_no_numbers_are_looked_at_without_a_warning(times):
 def test_where_one_anchor_is_in_sight_an_offset_stands_beside_other_cures_and_none_is_certain(metres, seed):
     """Hall: such distances are also those of twice the way, or of angles in the world."""
     scene = SCENES["hall"]
-    columns = heard("hall", seed)
+    columns = simulated_columns("hall", seed)
     columns["distance_m"] = columns["distance_m"] + metres
     found = suspicions(columns, scene.anchor_names, scene, "agent1")
     assert "offset" in {item.kind for item in found}

@@ -25,14 +25,14 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def heard(scene):
+def measurements(scene):
     return gs.simulate(scene, ["agent1", "agent3"], seed=101)
 
 
-def relabelled(heard, change):
-    anchor = heard.table.anchor.copy()
+def relabelled(measurements, change):
+    anchor = measurements.table.anchor.copy()
     change(anchor)
-    return replace(heard, table=replace(heard.table, anchor=anchor))
+    return replace(measurements, table=replace(measurements.table, anchor=anchor))
 
 
 def still(scene, names=("agent1", "agent3"), **clocks):
@@ -52,61 +52,61 @@ def test_what_fits_is_not_suspected(name):
     whole = gs.Scene.checked(short(name), "short")
     names = [agent.name for agent in whole.agents][:2]
     for seed in (201, 202):
-        heard = gs.simulate(whole, names, seed)
-        assert label_and_clock_lines(heard, whole) == []
-        assert label_and_clock_lines(heard.without_labels(), whole) == []
+        measurements = gs.simulate(whole, names, seed)
+        assert label_and_clock_lines(measurements, whole) == []
+        assert label_and_clock_lines(measurements.without_labels(), whole) == []
 
 
-def test_exchanged_labels_of_one_agent_or_of_all_are_named(scene, heard):
+def test_exchanged_labels_of_one_agent_or_of_all_are_named(scene, measurements):
     def exchange(anchor, mine):
         one, other = mine & (anchor == 1), mine & (anchor == 2)
         anchor[one], anchor[other] = 2, 1
 
-    one = relabelled(heard, lambda anchor: exchange(anchor, heard.agent == 1))
+    one = relabelled(measurements, lambda anchor: exchange(anchor, measurements.agent == 1))
     told = "C is the scene's B, B is the scene's C"
     assert label_and_clock_lines(one, scene) == [f"suspect: labels exchanged for agent3: {told}"]
-    both = relabelled(heard, lambda anchor: exchange(anchor, heard.agent >= 0))
+    both = relabelled(measurements, lambda anchor: exchange(anchor, measurements.agent >= 0))
     assert label_and_clock_lines(both, scene) == [f"suspect: labels exchanged for all agents: {told}"]
 
 
-def test_rows_with_another_anchors_label_are_counted(scene, heard):
+def test_rows_with_another_anchors_label_are_counted(scene, measurements):
     def some(anchor):
-        rows = np.flatnonzero((heard.agent == 0) & (anchor == 3))
+        rows = np.flatnonzero((measurements.agent == 0) & (anchor == 3))
         anchor[rows[::3]] = 0
 
-    lines = label_and_clock_lines(relabelled(heard, some), scene)
+    lines = label_and_clock_lines(relabelled(measurements, some), scene)
     assert len(lines) == 1
     assert lines[0].startswith("suspect: agent1: ")
     assert lines[0].endswith("of the line of sight to D are labelled A")
 
 
 @pytest.mark.slow
-def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, heard):
+def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, measurements):
     for unlabelled in (False, True):
-        told = heard.without_labels() if unlabelled else heard
+        told = measurements.without_labels() if unlabelled else measurements
         lines = label_and_clock_lines(told, still(scene))
         assert len(lines) == 4
         assert all("give the scene a table [clocks]" in line for line in lines)
     offsets = [float(line.split("by ")[1].split(" m")[0]) for line in lines]
     np.testing.assert_allclose(offsets, np.array([-29.5, -9.5, 10.5, 30.5]), atol=0.5)
-    narrow = label_and_clock_lines(heard, still(scene, anchor_prior_ns=50.0))
+    narrow = label_and_clock_lines(measurements, still(scene, anchor_prior_ns=50.0))
     assert [line.split(" are off")[0][-1] for line in narrow] == ["A", "D"]
     assert all("prior in [clocks] is too narrow" in line for line in narrow)
 
 
-def test_too_few_lines_of_sight_say_nothing(scene, heard):
-    bare = replace(heard.table, aod_rad=np.full_like(heard.table.aod_rad, np.nan))
-    lines = label_and_clock_lines(replace(heard, table=bare), scene)
+def test_too_few_lines_of_sight_say_nothing(scene, measurements):
+    bare = replace(measurements.table, aod_rad=np.full_like(measurements.table.aod_rad, np.nan))
+    lines = label_and_clock_lines(replace(measurements, table=bare), scene)
     assert lines == ["  agent1, agent3: too few lines of sight to judge labels and clocks by"]
 
 
-def test_check_says_so_and_leaves_exit_code_1(say, scene, heard, tmp_path):
+def test_check_says_so_and_leaves_exit_code_1(say, scene, measurements, tmp_path):
     (tmp_path / "s.toml").write_text(scene.to_toml())
-    swapped = relabelled(heard, lambda anchor: np.copyto(anchor, np.array([1, 0, 2, 3])[anchor]))
+    swapped = relabelled(measurements, lambda anchor: np.copyto(anchor, np.array([1, 0, 2, 3])[anchor]))
     swapped.to_csv(tmp_path / "a.csv")
-    said = say("check", str(tmp_path / "a.csv"), "--scene", str(tmp_path / "s.toml"))
-    assert said.code == 1
-    assert "suspect: labels exchanged for all agents: B is the scene's A, A is the scene's B" in said.out
+    result = say("check", str(tmp_path / "a.csv"), "--scene", str(tmp_path / "s.toml"))
+    assert result.code == 1
+    assert "suspect: labels exchanged for all agents: B is the scene's A, A is the scene's B" in result.out
     assert not any("suspect" in line for line in describe_network(tmp_path / "a.csv"))
 
 

@@ -16,9 +16,9 @@ def scene():
 
 
 def test_files_of_several_agents_are_described(scene, tmp_path):
-    heard = gs.simulate(scene, ["agent1", "agent3"], unlabelled=True)
-    heard.to_csv(tmp_path / "a.csv")
-    heard.to_h5(tmp_path / "a.h5")
+    measurements = gs.simulate(scene, ["agent1", "agent3"], unlabelled=True)
+    measurements.to_csv(tmp_path / "a.csv")
+    measurements.to_h5(tmp_path / "a.h5")
     for name in ("a.csv", "a.h5"):
         assert is_network(tmp_path / name)
         lines = describe_network(tmp_path / name, scene)
@@ -31,10 +31,10 @@ def test_files_of_several_agents_are_described(scene, tmp_path):
 
 
 def test_clocks_and_labels_that_are_missing_are_named(scene, tmp_path):
-    heard = gs.simulate(scene, ["agent1"])
-    assert (heard.table.distance_m < 0).any()
+    measurements = gs.simulate(scene, ["agent1"])
+    assert (measurements.table.distance_m < 0).any()
     text = ["step,time_s,agent,anchor,distance_m"]
-    rows = zip(heard.table.step, heard.table.time_s, heard.table.distance_m, strict=True)
+    rows = zip(measurements.table.step, measurements.table.time_s, measurements.table.distance_m, strict=True)
     text += [f"{step},{time},agent1,{'A' if k % 2 else ''},{far}" for k, (step, time, far) in enumerate(rows)]
     (tmp_path / "a.csv").write_text("\n".join(text))
     whole = scene.model_dump(exclude_none=True)
@@ -49,9 +49,12 @@ def test_clocks_and_labels_that_are_missing_are_named(scene, tmp_path):
 
 
 def test_matlab_files_of_several_agents_are_described(scene, tmp_path):
-    heard = gs.simulate(scene, ["agent1", "agent3"])
-    rows = {key: values[:, None] for key, values in heard.table.columns.items()}
-    rows |= {"anchor": heard.table.anchor[:, None] + 1.0, "agent": 2 * heard.agent[:, None] + 1.0}
+    measurements = gs.simulate(scene, ["agent1", "agent3"])
+    rows = {key: values[:, None] for key, values in measurements.table.columns.items()}
+    rows |= {
+        "anchor": measurements.table.anchor[:, None] + 1.0,
+        "agent": 2 * measurements.agent[:, None] + 1.0,
+    }
     savemat(tmp_path / "a.mat", rows)
     assert is_network(tmp_path / "a.mat")
     for told in (scene, None):
@@ -61,9 +64,9 @@ def test_matlab_files_of_several_agents_are_described(scene, tmp_path):
 
 
 def test_tables_of_one_agent_are_none_of_these(tmp_path):
-    heard = gs.simulate(gs.Scene.load("room"), "agent1")
-    heard.to_csv(tmp_path / "a.csv")
-    heard.to_h5(tmp_path / "a.h5")
+    measurements = gs.simulate(gs.Scene.load("room"), "agent1")
+    measurements.to_csv(tmp_path / "a.csv")
+    measurements.to_h5(tmp_path / "a.h5")
     assert not any(is_network(tmp_path / name) for name in ("a.csv", "a.h5"))
 
 

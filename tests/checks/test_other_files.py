@@ -53,9 +53,9 @@ def made(tmp_path_factory):
     ],
 )
 def test_every_file_of_a_run_is_told(say, made, name, told):
-    said = say("check", made / name if name != "room" else name)
-    assert (said.code, said.err) == (0, "")
-    assert told in said.out
+    result = say("check", made / name if name != "room" else name)
+    assert (result.code, result.err) == (0, "")
+    assert told in result.out
 
 
 def test_a_run_that_was_cut_short_says_so(say, made, tmp_path):
@@ -71,14 +71,14 @@ def test_an_unfinished_run_is_no_missing_file(say, tmp_path, command):
     rest = tmp_path / ".out.7.part" / UNFINISHED
     rest.mkdir(parents=True)
     (rest / INDEX).write_text("{}")
-    said = say(command, tmp_path / "out")
-    assert said.code == 2
-    assert said.err.endswith(f"to go on with it (gridslam run --resume {tmp_path / 'out'})\n")
+    result = say(command, tmp_path / "out")
+    assert result.code == 2
+    assert result.err.endswith(f"to go on with it (gridslam run --resume {tmp_path / 'out'})\n")
 
 
 def test_scene_tells_where_no_anchor_is_in_sight(say):
-    said = say("check", "hall")
-    assert "agent1: 450 steps, an anchor in sight at 91% of them, at none from step 100 to 139" in said.out
+    result = say("check", "hall")
+    assert "agent1: 450 steps, an anchor in sight at 91% of them, at none from step 100 to 139" in result.out
     assert repr(gs.Scene.load("hall")) == "<Scene hall: 2 anchors, 5 walls, 1 agent>"
 
 
@@ -92,22 +92,22 @@ def test_every_file_that_a_run_leaves_can_be_checked(say, made):
 def test_tables_pictures_and_plans_of_an_export_can_be_checked(say, made):
     assert say("export", made / "out" / "map.h5", "-o", "there").code == 0
     told = {path.name: say("check", path) for path in Path("there").iterdir()}
-    assert {said.code for said in told.values()} == {0}, told
+    assert {result.code for result in told.values()} == {0}, told
     assert "table of observed cells of a map: " in told["cells.csv"].out
     assert "table of surfaces of a map: " in told["surfaces.csv"].out
     assert "GeoJSON: " in told["surfaces.geojson"].out
     with Path("there/cells.csv").open("a") as file:
         file.write("1,2\n")
-    said = say("check", "there/cells.csv")
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "found 2 cells; allowed: 5, as the header" in said.err
+    result = say("check", "there/cells.csv")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "found 2 cells; allowed: 5, as the header" in result.err
 
 
 def test_checkpoint_is_told(say):
     slam = gs.GridSlam(gs.Scene.from_toml(TINY, "tiny"))
     slam.save("state.h5")
-    said = say("check", "state.h5")
-    assert (said.code, said.out) == (0, "checkpoint of grid in tiny, after 0 steps of agent1\n")
+    result = say("check", "state.h5")
+    assert (result.code, result.out) == (0, "checkpoint of grid in tiny, after 0 steps of agent1\n")
 
 
 def test_clocks_are_told(say):
@@ -125,9 +125,9 @@ def test_clocks_are_told(say):
 @pytest.mark.parametrize("content", ["{", "[1]", '{"format": "other"}'])
 def test_other_json_is_refused_in_one_line(say, content):
     Path("other.json").write_text(content)
-    said = say("check", "other.json")
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "allowed: GeoJSON, a run.json or what bench --json wrote" in said.err
+    result = say("check", "other.json")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "allowed: GeoJSON, a run.json or what bench --json wrote" in result.err
 
 
 def test_study_is_told(say, made):
@@ -160,8 +160,8 @@ def test_damaged_file_is_refused_in_one_line(say, made, name, spoil):
     spoilt = spoil(Path(name).read_bytes())
     assert spoilt != Path(name).read_bytes()
     Path(name).write_bytes(spoilt)
-    said = say("check", name)
-    assert (said.code, len(said.complaints)) == (2, 1), said
+    result = say("check", name)
+    assert (result.code, len(result.complaints)) == (2, 1), result
 
 
 @pytest.mark.parametrize(
@@ -173,9 +173,9 @@ def test_damaged_file_is_refused_in_one_line(say, made, name, spoil):
 )
 def test_other_content_is_called_what_it_is(say, tmp_path, content, says):
     (tmp_path / "README.md").write_bytes(content)
-    said = say("check", tmp_path / "README.md")
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert says in said.err
+    result = say("check", tmp_path / "README.md")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert says in result.err
 
 
 @pytest.mark.parametrize(
@@ -185,10 +185,10 @@ def test_pictures_and_pages_are_nothing_to_check_and_others_of_that_name_are_ref
     say, tmp_path, name, start
 ):
     (tmp_path / name).write_bytes(start + bytes(20))
-    said = say("check", tmp_path / name)
-    assert said.code == 0
-    assert "nothing in it to check" in said.out
+    result = say("check", tmp_path / name)
+    assert result.code == 0
+    assert "nothing in it to check" in result.out
     (tmp_path / name).write_bytes(b"step,time_s")
-    said = say("check", tmp_path / name)
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "another content than its name says" in said.err
+    result = say("check", tmp_path / name)
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "another content than its name says" in result.err

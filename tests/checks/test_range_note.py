@@ -12,10 +12,10 @@ from gridslam.checks.range_note import range_note
 ROOM = gs.Scene.load("room")
 
 
-def late(heard, metres, anchor=None):
+def late(measurements, metres, anchor=None):
     """Measurements of all anchors or one, so many metres too long."""
-    rows = np.ones(len(heard.anchor), bool) if anchor is None else heard.anchor == anchor
-    return replace(heard, distance_m=np.abs(heard.distance_m + metres * rows))
+    rows = np.ones(len(measurements.anchor), bool) if anchor is None else measurements.anchor == anchor
+    return replace(measurements, distance_m=np.abs(measurements.distance_m + metres * rows))
 
 
 @pytest.mark.slow
@@ -24,8 +24,8 @@ def late(heard, metres, anchor=None):
     [(1.5, None, "of all anchors are 1.[45]. m .* long"), (-1.5, 1, "of anchor B are 1.[45]. m .* short")],
 )
 def test_clocks_that_are_off_are_named_with_sign_size_and_cure(metres, anchor, words):
-    heard = gs.simulate(ROOM, "agent1", seed=12)
-    note = range_note(ROOM, "agent1", late(heard, metres, anchor))
+    measurements = gs.simulate(ROOM, "agent1", seed=12)
+    note = range_note(ROOM, "agent1", late(measurements, metres, anchor))
     assert note is not None
     assert re.search(words, note)
     assert "[clocks]" in note
@@ -37,9 +37,9 @@ def test_right_distances_are_not_named(seed):
 
 
 def test_nothing_is_said_where_nothing_can_be_known():
-    heard = gs.simulate(ROOM, "agent1", seed=12)
-    angles = dict.fromkeys(("aod_rad", "aoa_rad"), np.full(len(heard.distance_m), np.nan))
-    assert range_note(ROOM, "agent1", replace(late(heard, 1.5), **angles)) is None
+    measurements = gs.simulate(ROOM, "agent1", seed=12)
+    angles = dict.fromkeys(("aod_rad", "aoa_rad"), np.full(len(measurements.distance_m), np.nan))
+    assert range_note(ROOM, "agent1", replace(late(measurements, 1.5), **angles)) is None
     clocks = {**ROOM.model_dump(exclude_none=True), "clocks": {"anchor_prior_ns": 10.0}}
-    assert range_note(gs.Scene.checked(clocks, "room"), "agent1", late(heard, 1.5)) is None
-    assert range_note(ROOM, "agent1", replace(late(heard, 1.5), anchors=("A", "C"))) is None
+    assert range_note(gs.Scene.checked(clocks, "room"), "agent1", late(measurements, 1.5)) is None
+    assert range_note(ROOM, "agent1", replace(late(measurements, 1.5), anchors=("A", "C"))) is None

@@ -31,15 +31,15 @@ SCENES = {"one antenna": scene_of({"rows": 1, "columns": 1}), "arrays": scene_of
 
 def written(path, scene, truth=True, **changes):
     """A recording's file with some of its content changed, by functions of what stood there."""
-    heard = gs.simulate(scene, "me", 3, what="signal")
-    form = heard.waveform
+    recording = gs.simulate(scene, "me", 3, what="signal")
+    form = recording.waveform
     content = {
-        "samples": heard.samples, "carrier_hz": form.carrier_hz, "frequency_hz": form.offset_hz,
-        "time_s": heard.time_s, "heard": heard.heard, "pulse": form.pulse, "noise_std": None,
-        "anchors": heard.anchors, "anchor_position_m": heard.anchor_position_m,
-        "anchor_orientation_rad": heard.anchor_orientation_rad, "anchor_element_m": form.anchor_element_m,
-        "agent_element_m": form.agent_element_m, "heading_rad": heard.heading_rad, "heading_std_rad": 0.01,
-        "truth": heard.truth if truth else None,
+        "samples": recording.samples, "carrier_hz": form.carrier_hz, "frequency_hz": form.offset_hz,
+        "time_s": recording.time_s, "heard": recording.heard, "pulse": form.pulse, "noise_std": None,
+        "anchors": recording.anchors, "anchor_position_m": recording.anchor_position_m,
+        "anchor_orientation_rad": recording.anchor_orientation_rad, "anchor_element_m": form.anchor_element_m,
+        "agent_element_m": form.agent_element_m, "heading_rad": recording.heading_rad,
+        "heading_std_rad": 0.01, "truth": recording.truth if truth else None,
     }  # fmt: skip
     write_signal(path, content | {name: change(content[name]) for name, change in changes.items()})
     return path
@@ -147,19 +147,19 @@ def test_the_command_line_says_it_all_and_ends_with_what_it_found(say, tmp_path)
     written(tmp_path / "conj.h5", scene, samples=np.conj)
     written(tmp_path / "wide.h5", scene, **dict.fromkeys(BOTH, lambda q: q / WAVELENGTH))
     assert say("check", "good.h5").code == 0
-    said = say("check", "conj.h5")
-    assert (said.code, said.err) == (1, "")
-    said = say("check", "wide.h5")
-    assert said.code == 2
-    assert "suspect: element_m: wavelengths" in said.out
-    assert "wavelengths to the next" in said.err
+    result = say("check", "conj.h5")
+    assert (result.code, result.err) == (1, "")
+    result = say("check", "wide.h5")
+    assert result.code == 2
+    assert "suspect: element_m: wavelengths" in result.out
+    assert "wavelengths to the next" in result.err
     with h5py.File(tmp_path / "good.h5", "r+") as file:
         file["signal/samples"][3, 0] = np.nan
     content = (tmp_path / "good.h5").read_bytes().split(b"gridslam crc32 ")[0]
     (tmp_path / "nan.h5").write_bytes(content + seal(content))
-    said = say("check", "nan.h5")
-    assert said.code == 2
-    assert "samples[3, 0]" in said.err
+    result = say("check", "nan.h5")
+    assert result.code == 2
+    assert "samples[3, 0]" in result.err
 
 
 ODD = {

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from check_tables import BRIEF, SCENES, heard, named
+from check_tables import BRIEF, SCENES, named, simulated_columns
 
 from gridslam.world.geometry import wrap
 
@@ -23,7 +23,7 @@ def turned(columns, anchor, degrees=0.0, sign=1.0):
 )
 def test_one_anchor_that_is_turned_is_named_and_by_how_much(name, anchor, degrees):
     scene = SCENES[name]
-    (found,) = named(turned(heard(name, 1, steps=BRIEF), anchor, degrees), name)
+    (found,) = named(turned(simulated_columns(name, 1, steps=BRIEF), anchor, degrees), name)
     assert (found.column, found.kind, found.certain) == ("aod_rad", "turned", True)
     words = re.match(r"anchor (\w) is turned by (-?\d+) degrees: .* should be about (-?\d+)$", found.text)
     assert words[1] == scene.anchor_names[anchor]
@@ -35,20 +35,20 @@ def test_one_anchor_that_is_turned_is_named_and_by_how_much(name, anchor, degree
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "anchor"), [("room", 1), ("alcove", 0)])
 def test_one_anchor_whose_angles_are_mirrored_is_named(name, anchor):
-    (found,) = named(turned(heard(name, 1, steps=BRIEF), anchor, sign=-1.0), name)
+    (found,) = named(turned(simulated_columns(name, 1, steps=BRIEF), anchor, sign=-1.0), name)
     assert (found.column, found.kind) == ("aod_rad", "turned")
     assert found.text.startswith(f"angles of anchor {'AB'[anchor]} are counted clockwise")
 
 
 @pytest.mark.slow
 def test_a_table_of_one_anchor_and_two_that_are_turned_each_by_its_own():
-    both = turned(turned(heard("room", 2, steps=BRIEF), 0, 90), 1, -60)
+    both = turned(turned(simulated_columns("room", 2, steps=BRIEF), 0, 90), 1, -60)
     (found,) = named(both, "room")
     assert found.kind == "turned"
     assert re.match(
         r"anchor A is turned by -[89]\d degrees.*; anchor B is turned by [56]\d degrees", found.text
     )
-    columns = heard("room", 1, steps=BRIEF)
+    columns = simulated_columns("room", 1, steps=BRIEF)
     alone = {key: values[columns["anchor"] == 0] for key, values in columns.items()}
     (found,) = named(turned(alone, 0, 90), "room")
     assert re.match(r"anchor A is turned by -[89]\d degrees", found.text)

@@ -22,11 +22,11 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 @pytest.mark.slow
 def test_two_agents_in_turn_leave_a_whole_folder(say, short_room, tmp_path):
-    said = say("run", short_room, "-o", "out", "--seed", "3", "--particles", "500")
-    assert (said.code, said.err) == (0, "")
-    assert "agent2" in said.out
-    assert "bound" in said.out
-    assert "wrote out" in said.out
+    result = say("run", short_room, "-o", "out", "--seed", "3", "--particles", "500")
+    assert (result.code, result.err) == (0, "")
+    assert "agent2" in result.out
+    assert "bound" in result.out
+    assert "wrote out" in result.out
     found = listing(tmp_path / "out")
     titles = ("map", "reflection", "rays", "errors")
     assert {f"figures/{a}-{t}.png" for a in ("agent1", "agent2") for t in titles} <= set(found)
@@ -44,16 +44,16 @@ def test_two_agents_in_turn_leave_a_whole_folder(say, short_room, tmp_path):
 def test_recorded_measurements_and_a_tum_track_score_like_the_simulation(say, short_room, no_figures):
     assert say("run", short_room, "--agent", "agent1", "--start", "exact", "-o", "whole").code == 0
     assert say("simulate", short_room, "--agent", "agent1", "-o", "heard.csv").code == 0
-    said = say(
+    result = say(
         "run", short_room, "--measurements", "heard.csv", "--truth", "whole/agent1/truth.tum", "-o", "again"
     )
-    assert said.code == 0, said.err
+    assert result.code == 0, result.err
     one, two = (json.loads(Path(n, "run.json").read_text())["agents"]["agent1"] for n in ("whole", "again"))
     for name in ("position_rmse_m", "position_bound_m", "heading_rmse_deg", "heading_bound_deg"):
         assert two[name] == pytest.approx(one[name], rel=1e-6)
     assert two["map"] == one["map"]
-    said = say("run", short_room, "--measurements", "heard.csv", "-o", "blind")
-    assert said.code == 0
+    result = say("run", short_room, "--measurements", "heard.csv", "-o", "blind")
+    assert result.code == 0
     blind = json.loads(Path("blind/run.json").read_text())["agents"]["agent1"]
     assert blind["position_rmse_m"] is None
     assert blind["surfaces_detected"] == one["surfaces_detected"]
@@ -68,8 +68,8 @@ def test_without_walls_the_track_is_scored_and_the_map_is_not(say, tmp_path):
     data["agents"][0].pop("steps")
     bare = gs.Scene.checked({**data, "agents": [{k: v for k, v in data["agents"][0].items() if v}]}, "bare")
     (tmp_path / "bare.toml").write_text(bare.to_toml())
-    said = say("run", "bare.toml", "--measurements", "heard.h5", "-o", "out")
-    assert said.code == 0, said.err
+    result = say("run", "bare.toml", "--measurements", "heard.h5", "-o", "out")
+    assert result.code == 0, result.err
     score = json.loads(Path("out/run.json").read_text())["agents"]["agent1"]
     assert score["position_rmse_m"] < 0.5
     assert score["position_bound_m"] is None
@@ -82,9 +82,9 @@ def test_without_walls_the_track_is_scored_and_the_map_is_not(say, tmp_path):
 def test_map_of_other_cells_is_resampled_and_said(say, short_room, no_figures, mapped):
     _, run = mapped
     run.map.resample(run.map.origin_m, 0.2, (38, 48)).save("coarse.h5")
-    said = say("run", short_room, "--agent", "agent2", "--map", "coarse.h5", "-o", "out")
-    assert said.code == 0
-    assert said.complaints == [
+    result = say("run", short_room, "--agent", "agent2", "--map", "coarse.h5", "-o", "out")
+    assert result.code == 0
+    assert result.complaints == [
         "note: coarse.h5: 48 x 38 cells of 0.2 m resampled to the scene's 96 x 76 cells of 0.1 m"
     ]
     assert gs.Map.load("out/map.h5").cell_m == 0.1
@@ -114,8 +114,8 @@ def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
     mapped[1].map.save(tmp_path / "map.h5")
     Path("robot").mkdir()
     Path("robot/keep.txt").write_text("x")
-    said = say("export", "map.h5", "-o", "robot")
-    assert said.code == 0
+    result = say("export", "map.h5", "-o", "robot")
+    assert result.code == 0
     assert set(os.listdir("robot")) == {
         "keep.txt", "map.yaml", "map.pgm", "reflection.yaml", "reflection.pgm",
         "occupancy.png", "reflection.png", "cells.csv", "surfaces.csv", "surfaces.geojson",
@@ -126,9 +126,9 @@ def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
     assert {float(row.split(",")[0]) for row in rows} == set(mapped[1].map.surfaces.identity.tolist())
     before = sorted(["map.h5", "robot", *(f"robot/{n}" for n in os.listdir("robot"))])
     assert listing(tmp_path) == before
-    said = say("export", "map.h5", "-o", "nav2.tif")
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "the name of a folder" in said.err
+    result = say("export", "map.h5", "-o", "nav2.tif")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "the name of a folder" in result.err
     assert listing(tmp_path) == before
 
 
@@ -136,9 +136,9 @@ def test_check_says_what_a_file_is(say, mapped, tmp_path):
     scene, run = mapped
     run.map.save(tmp_path / "map.h5")
     (tmp_path / "scene.toml").write_text(scene.to_toml())
-    heard = gs.simulate(scene, "agent1", 1)
-    heard.to_h5(tmp_path / "heard.h5")
-    heard.to_csv(tmp_path / "heard.csv")
+    measurements = gs.simulate(scene, "agent1", 1)
+    measurements.to_h5(tmp_path / "heard.h5")
+    measurements.to_csv(tmp_path / "heard.csv")
     words = {
         "map.h5": ("map by agent1", "96 x 76", f"{len(run.map.surfaces)} surfaces"),
         "scene.toml": ("scene room", "2 anchors", "96 x 76"),
@@ -146,16 +146,16 @@ def test_check_says_what_a_file_is(say, mapped, tmp_path):
         "heard.csv": ("4 steps", "anchors A, B"),
     }
     for name, expected in words.items():
-        said = say("check", name)
-        assert (said.code, said.err) == (0, "")
-        assert len(said.out.strip().splitlines()) == 1 or name != "map.h5"
+        result = say("check", name)
+        assert (result.code, result.err) == (0, "")
+        assert len(result.out.strip().splitlines()) == 1 or name != "map.h5"
         for word in expected:
-            assert word in said.out
+            assert word in result.out
 
 
 def test_scenes_are_listed_one_per_line(say):
-    said = say("scenes")
-    assert [line.split(":")[0] for line in said.out.strip().splitlines()] == gs.bundled_scenes()
+    result = say("scenes")
+    assert [line.split(":")[0] for line in result.out.strip().splitlines()] == gs.bundled_scenes()
 
 
 def test_simulate_writes_one_file_for_all_agents(say, short_room, tmp_path):
@@ -163,8 +163,8 @@ def test_simulate_writes_one_file_for_all_agents(say, short_room, tmp_path):
     assert say("simulate", short_room, *both, "-o", "heard.h5").code == 0
     assert say("simulate", short_room, *both, "--unlabelled", "-o", "heard.csv").code == 0
     assert listing(tmp_path) == ["heard.csv", "heard.h5", "short.toml"]
-    heard = gs.NetworkMeasurements.from_h5(tmp_path / "heard.h5")
-    assert heard.agents == ("agent1", "agent2")
+    measurements = gs.NetworkMeasurements.from_h5(tmp_path / "heard.h5")
+    assert measurements.agents == ("agent1", "agent2")
     assert (tmp_path / "heard.csv").read_text().splitlines()[1].startswith("0,0.0,agent1,,")
 
 
@@ -187,9 +187,9 @@ def test_ctrl_c_finishes_the_step_and_keeps_what_was_done(
     say, short_room, no_figures, ctrl_c, monkeypatch, tmp_path
 ):
     interrupted_at(monkeypatch, "agent1", 2, lambda: signal.raise_signal(signal.SIGINT))
-    said = say("run", short_room, "-o", "out")
-    assert said.code == 130
-    assert said.complaints == ["interrupted after 3 of 5 steps of agent1: out holds what was done"]
+    result = say("run", short_room, "-o", "out")
+    assert result.code == 130
+    assert result.complaints == ["interrupted after 3 of 5 steps of agent1: out holds what was done"]
     summary = json.loads(Path("out/run.json").read_text())
     assert list(summary["agents"]) == ["agent1"]
     assert (summary["agents"]["agent1"]["steps"], summary["agents"]["agent1"]["interrupted"]) == (3, True)
@@ -205,9 +205,9 @@ def test_impatient_ctrl_c_loses_the_agent_on_its_way_alone(say, short_room, no_f
         signal.raise_signal(signal.SIGINT)
 
     interrupted_at(monkeypatch, "agent2", 1, twice)
-    said = say("run", short_room, "-o", "out")
-    assert said.code == 130
-    assert said.complaints == ["interrupted after 5 of 5 steps of agent1: out holds what was done"]
+    result = say("run", short_room, "-o", "out")
+    assert result.code == 130
+    assert result.complaints == ["interrupted after 5 of 5 steps of agent1: out holds what was done"]
     assert list(json.loads(Path("out/run.json").read_text())["agents"]) == ["agent1"]
 
 
@@ -216,8 +216,8 @@ def test_ctrl_c_while_nothing_is_done_leaves_nothing(say, short_room, monkeypatc
         raise KeyboardInterrupt
 
     monkeypatch.setattr(importlib.import_module("gridslam.simulation.image_source"), "true_paths", stop)
-    said = say("run", short_room, "-o", "out")
-    assert (said.code, said.complaints) == (130, ["interrupted"])
+    result = say("run", short_room, "-o", "out")
+    assert (result.code, result.complaints) == (130, ["interrupted"])
     assert listing(tmp_path) == ["short.toml"]
 
 
@@ -226,9 +226,9 @@ def test_ctrl_c_while_drawing_keeps_the_run(say, short_room, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", stop)
-    said = say("run", short_room, "--agent", "agent1", "-o", "out")
-    assert said.code == 130
-    assert "out holds what was done" in said.err
+    result = say("run", short_room, "--agent", "agent1", "-o", "out")
+    assert result.code == 130
+    assert "out holds what was done" in result.err
     assert gs.Map.load("out/map.h5").observed.any()
 
 
@@ -253,11 +253,11 @@ def test_full_disk_is_one_line_and_nothing_half_written(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    said = say(*words)
-    assert said.code == 2
-    assert len(said.complaints) == 1
-    assert "No space left on device" in said.err
-    assert words[-1] in said.err
+    result = say(*words)
+    assert result.code == 2
+    assert len(result.complaints) == 1
+    assert "No space left on device" in result.err
+    assert words[-1] in result.err
     assert listing(tmp_path) == before
 
 
@@ -267,9 +267,9 @@ def test_disk_full_at_the_figures_keeps_the_rest(say, short_room, monkeypatch):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("gridslam.viewers.plots.write_bytes", full)
-    said = say("run", short_room, "--agent", "agent1", "-o", "out")
-    assert said.code == 2
-    assert len(said.complaints) == 1
-    assert "out/figures: found No space left on device" in said.err
+    result = say("run", short_room, "--agent", "agent1", "-o", "out")
+    assert result.code == 2
+    assert len(result.complaints) == 1
+    assert "out/figures: found No space left on device" in result.err
     assert gs.Map.load("out/map.h5").observed.any()
     assert not Path("out/figures").exists()

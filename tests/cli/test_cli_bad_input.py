@@ -16,13 +16,13 @@ from gridslam.systems.grid import GridSlam
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 
-def refused(said, tmp_path, before, *words):
-    assert said.code == 2, said
-    assert len(said.complaints) == 1, said.err
-    assert said.complaints[0].startswith("error: ")
-    assert "Traceback" not in said.err + said.out
+def refused(result, tmp_path, before, *words):
+    assert result.code == 2, result
+    assert len(result.complaints) == 1, result.err
+    assert result.complaints[0].startswith("error: ")
+    assert "Traceback" not in result.err + result.out
     for word in words:
-        assert word in said.err
+        assert word in result.err
     assert listing(tmp_path) == before
 
 
@@ -54,12 +54,12 @@ SCENE_FAULTS = {
 def test_faulty_scene(say, tmp_path, fault, command):
     text = shortened(gs.Scene.load("room"), 4).to_toml().replace("[\n    -3.1,", "[-3.1,")
     text = text.replace("[\n            4.0,\n            -3.0,\n        ]", "[4.0, -3.0]")
-    old, new, said = SCENE_FAULTS[fault]
+    old, new, complaint = SCENE_FAULTS[fault]
     if fault == "zero-length wall":
         start = text.index("points_m")
         text = text[:start] + "points_m = [[-4.0, -3.0], [4.0, -3.0]]\n" + text[text.index("closed") :]
     (tmp_path / "bad.toml").write_text(change(text, old, new))
-    refused(say(command[0], "bad.toml", *command[1:]), tmp_path, ["bad.toml"], "bad.toml", said)
+    refused(say(command[0], "bad.toml", *command[1:]), tmp_path, ["bad.toml"], "bad.toml", complaint)
 
 
 @pytest.mark.parametrize(
@@ -91,15 +91,15 @@ CSV_FAULTS = {
 def test_faulty_csv(say, tmp_path, fault):
     content, word = CSV_FAULTS[fault]
     (tmp_path / "bad.csv").write_text(content)
-    said = say("run", "room", "--measurements", "bad.csv", "-o", "out")
-    refused(said, tmp_path, ["bad.csv"], "bad.csv", word)
+    result = say("run", "room", "--measurements", "bad.csv", "-o", "out")
+    refused(result, tmp_path, ["bad.csv"], "bad.csv", word)
 
 
 def damaged(folder, mapped):
     """Files that aren't what they should be, by name."""
     scene, run = mapped
-    heard = gs.simulate(scene, "agent1", 1)
-    heard.to_h5(folder / "heard.h5")
+    measurements = gs.simulate(scene, "agent1", 1)
+    measurements.to_h5(folder / "heard.h5")
     run.map.save(folder / "map.h5")
     for name in ("heard", "map"):
         whole = (folder / f"{name}.h5").read_bytes()
@@ -221,9 +221,9 @@ def test_output_that_cannot_be_written_is_refused_before_the_run(say, short_room
 
 
 def test_no_command_shows_the_help(say):
-    said = say()
-    assert "simulate" in said.out
-    assert said.err == ""
+    result = say()
+    assert "simulate" in result.out
+    assert result.err == ""
 
 
 def test_line_break_in_a_name_makes_no_second_line(say, tmp_path):

@@ -93,11 +93,11 @@ def test_nothing_of_a_map_is_lost_from_grid_to_hybrid_to_grid(say, tmp_path):
 def test_a_map_of_whoever_was_told_the_truth_says_so(say, tmp_path):
     screen(tmp_path, 3)
     assert say("run", "screen.toml", "--method", "hybrid-known", "-o", "told").code == 0
-    said = say("run", "screen.toml", "--method", "hybrid", "--map", "told/map.h5", "-o", "next")
-    assert said.code == 0
-    assert "whoever made it was told the true walls and scatterers" in said.err
-    said = say("run", "screen.toml", "--method", "grid", "--map", "next/map.h5", "-o", "third")
-    assert "whoever made it was told the true walls and scatterers" in said.err
+    result = say("run", "screen.toml", "--method", "hybrid", "--map", "told/map.h5", "-o", "next")
+    assert result.code == 0
+    assert "whoever made it was told the true walls and scatterers" in result.err
+    result = say("run", "screen.toml", "--method", "grid", "--map", "next/map.h5", "-o", "third")
+    assert "whoever made it was told the true walls and scatterers" in result.err
 
 
 @runs
@@ -105,5 +105,5 @@ def test_measurements_that_a_map_holds_already_are_named(say, short_room):
     first = ("run", short_room, "--agent", "agent1")
     assert "count twice" not in say(*first, "--seed", 1, "-o", "first").out
     for seed, twice in ((1, True), (2, False)):
-        said = say(*first, "--seed", seed, "--map", "first/map.h5", "-o", f"then-{seed}")
-        assert ("agent1: the map it began with holds these very measurements" in said.out) == twice
+        result = say(*first, "--seed", seed, "--map", "first/map.h5", "-o", f"then-{seed}")
+        assert ("agent1: the map it began with holds these very measurements" in result.out) == twice

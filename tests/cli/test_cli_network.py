@@ -31,10 +31,10 @@ def short_exchange(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_a_run_of_all_agents_writes_tracks_clocks_and_figures(say, short_exchange, tmp_path):
-    said = say("run", short_exchange, "--method", "network", "--seed", "1", "-o", "all")
-    assert said.code == 0, said.err
-    assert "apparent biases" in said.out
-    assert "labels" in said.out
+    result = say("run", short_exchange, "--method", "network", "--seed", "1", "-o", "all")
+    assert result.code == 0, result.err
+    assert "apparent biases" in result.out
+    assert "labels" in result.out
     summary = json.loads((tmp_path / "all" / "run.json").read_text())
     assert list(summary["agents"]) == ["agent1", "agent2"]
     assert summary["method"] == "network"
@@ -64,9 +64,9 @@ def test_a_run_of_a_file_has_the_agents_of_the_file(say, short_exchange, tmp_pat
     (tmp_path / "heard.csv").write_text(
         "\n".join([f"{title},aoa_elevation_rad", *(f"{r},0.1" for r in rows)])
     )
-    said = say("run", short_exchange, "--method", "network", "--measurements", "heard.csv", "-o", "two")
-    assert said.code == 0, said.err
-    assert "note: the elevations that were measured aren't used by network" in said.err
+    result = say("run", short_exchange, "--method", "network", "--measurements", "heard.csv", "-o", "two")
+    assert result.code == 0, result.err
+    assert "note: the elevations that were measured aren't used by network" in result.err
     summary = json.loads((tmp_path / "two" / "run.json").read_text())
     assert list(summary["agents"]) == ["agent1", "agent2"]
     assert summary["network"]["label_errors"] is None
@@ -89,12 +89,12 @@ def test_bad_tables_are_one_line(say, short_exchange, tmp_path, change, says):
         more = "--agent", "agent1", "--agent", "agent2"
     else:
         (tmp_path / "heard.csv").write_text(text.replace(*change, 1))
-    said = say(
+    result = say(
         "run", short_exchange, "--method", "network", "--measurements", "heard.csv", *more, "-o", "out"
     )
-    assert said.code == 2
-    assert says in said.err
-    assert said.err.strip().count("\n") == 0
+    assert result.code == 2
+    assert says in result.err
+    assert result.err.strip().count("\n") == 0
     assert not (tmp_path / "out").exists()
 
 
@@ -104,8 +104,8 @@ def test_what_does_not_fit_several_agents_is_refused(say, short_exchange, tmp_pa
     assert "'agent1' twice" in say(*run, "--agent", "agent1", "--agent", "agent1").err
     scene = gs.Scene.load(tmp_path / short_exchange)
     gs.simulate(scene, ["agent1", "agent2"], unlabelled=True).to_h5(tmp_path / "heard.h5")
-    said = say("run", short_exchange, "--method", "adaptive", "--measurements", "heard.h5", "-o", "out")
-    assert (said.code, "2 agents" in said.err) == (2, True)
+    result = say("run", short_exchange, "--method", "adaptive", "--measurements", "heard.h5", "-o", "out")
+    assert (result.code, "2 agents" in result.err) == (2, True)
 
 
 def stop_at(monkeypatch, step):
@@ -128,11 +128,11 @@ NETWORK = ("run", "short.toml", "--method", "network", "--seed", "1")
 @pytest.mark.usefixtures("no_figures", "ctrl_c", "short_exchange")
 def test_interrupted_run_shows_its_table_and_keeps_what_is_done(say, monkeypatch, tmp_path):
     stop_at(monkeypatch, 2)
-    said = say(*NETWORK, "-o", "out")
-    assert said.code == 130
-    assert "agent2" in said.out
-    assert "apparent biases" in said.out
-    assert said.complaints == ["interrupted after 3 of 5 steps: out holds what was done"]
+    result = say(*NETWORK, "-o", "out")
+    assert result.code == 130
+    assert "agent2" in result.out
+    assert "apparent biases" in result.out
+    assert result.complaints == ["interrupted after 3 of 5 steps: out holds what was done"]
     assert json.loads((tmp_path / "out" / "run.json").read_text())["agents"]["agent1"]["interrupted"]
 
 
@@ -145,11 +145,11 @@ def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(say, monkeypatch)
     for step, more in ((0, (*words, "--checkpoint", "2", "-o", "out")), (2, ("run", "--resume", "out"))):
         with monkeypatch.context() as patch:
             stop_at(patch, step)
-            said = say(*more)
+            result = say(*more)
         done = f"interrupted after {step + 1} of 5 steps of agent1, agent2; "
-        assert (said.code, said.complaints) == (130, [f"{done}to go on: gridslam run --resume out"])
-    said = say("run", "--resume", "out", "--seed", "2")
-    assert (said.code, "error: --seed: found 2" in said.err) == (2, True)
+        assert (result.code, result.complaints) == (130, [f"{done}to go on: gridslam run --resume out"])
+    result = say("run", "--resume", "out", "--seed", "2")
+    assert (result.code, "error: --seed: found 2" in result.err) == (2, True)
     assert say("run", "--resume", "out").code == 0
     same_runs("whole", "out")
 
@@ -176,37 +176,37 @@ def test_recorded_measurements_are_scored_by_the_tracks_that_are_given(say, tmp_
     for name in ("agent1", "agent2"):
         scene.track(name).to_tum(f"{name}.tum")
     recorded = (*NETWORK, "--measurements", "heard.csv")
-    said = say(*recorded, "--truth", "agent2=agent2.tum", "-o", "one")
-    assert said.code == 0, said.err
+    result = say(*recorded, "--truth", "agent2=agent2.tum", "-o", "one")
+    assert result.code == 0, result.err
     scores = json.loads((tmp_path / "one" / "run.json").read_text())["agents"]
     assert scores["agent1"]["position_rmse_m"] is None
     assert 0 < scores["agent2"]["position_rmse_m"] < 0.3
     assert not (tmp_path / "one" / "agent1" / "truth.tum").exists()
     for item in ("agent1.tum", "agent3=agent1.tum"):
-        said = say(*recorded, "--truth", item, "-o", "two")
-        assert said.code == 2
-        assert f"--truth: found {item}; allowed: NAME=FILE.tum, one for each of agent1, agent2" in said.err
-    said = say(*NETWORK, "--truth", "agent1=agent1.tum", "-o", "two")
-    assert "only together with --measurements" in said.err
+        result = say(*recorded, "--truth", item, "-o", "two")
+        assert result.code == 2
+        assert f"--truth: found {item}; allowed: NAME=FILE.tum, one for each of agent1, agent2" in result.err
+    result = say(*NETWORK, "--truth", "agent1=agent1.tum", "-o", "two")
+    assert "only together with --measurements" in result.err
 
 
-def agent_twice(scene, heard):
-    return scene.replace('name = "agent2"', 'name = "agent1"'), heard
+def agent_twice(scene, measurements):
+    return scene.replace('name = "agent2"', 'name = "agent1"'), measurements
 
 
-def agent_elsewhere(scene, heard):
-    return scene.replace('name = "agent2"', 'name = "other"'), heard
+def agent_elsewhere(scene, measurements):
+    return scene.replace('name = "agent2"', 'name = "other"'), measurements
 
 
-def no_prior(scene, heard):
+def no_prior(scene, measurements):
     lines = [line for line in scene.splitlines() if not line.startswith("anchor_prior_ns")]
-    return "\n".join(lines), heard
+    return "\n".join(lines), measurements
 
 
-def some_labels(scene, heard):
-    label = np.where(np.arange(len(heard.agent)) % 2, heard.table.anchor, -1)
-    table = replace(heard.table, anchor=label, unlabelled=True)
-    return scene.replace('name = "C"', 'name = "Z"'), replace(heard, table=table)
+def some_labels(scene, measurements):
+    label = np.where(np.arange(len(measurements.agent)) % 2, measurements.table.anchor, -1)
+    table = replace(measurements.table, anchor=label, unlabelled=True)
+    return scene.replace('name = "C"', 'name = "Z"'), replace(measurements, table=table)
 
 
 @pytest.mark.parametrize("kind", ["csv", "h5"])
@@ -223,19 +223,19 @@ def test_what_does_not_belong_together_is_one_line_of_run_and_check(
     say, short_exchange, tmp_path, kind, spoil, says
 ):
     scene = gs.Scene.load(tmp_path / short_exchange)
-    text, heard = spoil(scene.to_toml(), gs.simulate(scene, ["agent1", "agent2"], seed=1))
+    text, measurements = spoil(scene.to_toml(), gs.simulate(scene, ["agent1", "agent2"], seed=1))
     (tmp_path / "spoilt.toml").write_text(text)
     path = tmp_path / f"heard.{kind}"
-    (heard.to_csv if kind == "csv" else heard.to_h5)(path)
+    (measurements.to_csv if kind == "csv" else measurements.to_h5)(path)
     found = "'C'" if kind == "csv" else "A, B, C, D"
     says = says.format(kind="" if kind == "csv" else "s", found=found)
     run = "run", "spoilt.toml", "--method", "network", "--measurements", path.name, "-o", "out"
     for words in (run, ("check", path.name, "--scene", "spoilt.toml")):
-        said = say(*words)
-        assert said.code == 2
-        assert says in said.err
-        assert ("spoilt.toml" if "allowed: a name" in says or "prior" in says else path.name) in said.err
-        assert said.err.strip().count("\n") == 0
-        assert not said.out.strip()
+        result = say(*words)
+        assert result.code == 2
+        assert says in result.err
+        assert ("spoilt.toml" if "allowed: a name" in says or "prior" in says else path.name) in result.err
+        assert result.err.strip().count("\n") == 0
+        assert not result.out.strip()
     assert not (tmp_path / "out").exists()
     assert path.exists()

@@ -25,13 +25,13 @@ def room(tmp_path):
 @pytest.mark.slow
 def test_samples_become_paths_and_paths_become_a_map(say, room, tmp_path, no_figures):
     assert say("simulate", "room.toml", "--signal", "--seed", 1, "-o", "z.h5").code == 0
-    said = say("extract", "z.h5", "--scene", "room.toml", "-o", "heard.h5")
-    assert (said.code, said.err) == (0, "")
-    assert said.out.startswith("wrote heard.h5: 12 steps, ")
+    result = say("extract", "z.h5", "--scene", "room.toml", "-o", "heard.h5")
+    assert (result.code, result.err) == (0, "")
+    assert result.out.startswith("wrote heard.h5: 12 steps, ")
     for method in ("grid", "adaptive", "va"):
         words = ("run", "room.toml", "--measurements", "heard.h5", "--method", method, "-o", method)
-        said = say(*words)
-        assert (said.code, said.err) == (0, ""), said
+        result = say(*words)
+        assert (result.code, result.err) == (0, ""), result
         score = json.loads((tmp_path / method / "run.json").read_text())["agents"]["agent1"]
         assert score["position_rmse_m"] < 2.5 * score["position_bound_m"], method
         assert score["surfaces_detected"] >= 3
@@ -43,12 +43,12 @@ def test_what_a_method_does_not_map_is_neither_scored_nor_written(say, tmp_path)
     whole = shortened(gs.Scene.load("screen"), 12).with_filter(particles=500)
     (tmp_path / "screen.toml").write_text(whole.to_toml())
     for method in ("hybrid", "los"):
-        said = say("run", "screen.toml", "--method", method, "-o", method)
-        assert said.code == 0, said
+        result = say("run", "screen.toml", "--method", method, "-o", method)
+        assert result.code == 0, result
         score = json.loads((tmp_path / method / "run.json").read_text())["agents"]["agent1"]
         assert {score[key] for key in ("surfaces_detected", "surfaces_true", "surface_ospa_m")} == {None}
         assert (score["features"] is None) == (method == "los")
-        assert "0/2" not in said.out
+        assert "0/2" not in result.out
         left = {path.name for path in (tmp_path / method).rglob("*")}
         assert "map.h5" in left
         assert not left & {"map.pgm", "map.yaml", "agent1-reflection.png"}
@@ -58,11 +58,11 @@ def test_what_a_method_does_not_map_is_neither_scored_nor_written(say, tmp_path)
 def test_extract_writes_a_table_that_reads_back_and_replaces_nothing(say, tmp_path):
     assert say("simulate", "screen", "--signal", "-o", "z.h5").code == 0
     assert say("extract", "z.h5", "--false-alarms", "0.01", "-o", "heard.csv").code == 0
-    heard = gs.Measurements.from_csv(tmp_path / "heard.csv", ["A"])
-    assert len(heard) == 190
-    assert (heard.distance_std_m > 0).all()
-    said = say("extract", "z.h5", "-o", "heard.csv")
-    assert (said.code, len(said.complaints)) == (2, 1)
+    measurements = gs.Measurements.from_csv(tmp_path / "heard.csv", ["A"])
+    assert len(measurements) == 190
+    assert (measurements.distance_std_m > 0).all()
+    result = say("extract", "z.h5", "-o", "heard.csv")
+    assert (result.code, len(result.complaints)) == (2, 1)
     assert say("extract", "z.h5", "-o", "heard.csv", "--overwrite").code == 0
 
 
@@ -79,9 +79,9 @@ def test_extract_writes_a_table_that_reads_back_and_replaces_nothing(say, tmp_pa
 def test_what_cannot_be_extracted_is_told_in_one_line(say, tmp_path, words, says):
     assert say("simulate", "screen", "--signal", "-o", "z.h5").code == 0
     assert say("simulate", "room", "-o", "heard.h5").code == 0
-    said = say(*words)
-    assert (said.code, len(said.complaints)) == (2, 1), said
-    assert says in said.err
+    result = say(*words)
+    assert (result.code, len(result.complaints)) == (2, 1), result
+    assert says in result.err
     assert not (tmp_path / "a.csv").exists()
 
 
@@ -100,8 +100,8 @@ def pair(tmp_path, say):
 @pytest.mark.slow
 def test_several_agents_run_in_turn_by_a_file_each_and_figures_are_of_each(say, pair, tmp_path, monkeypatch):
     monkeypatch.setattr("gridslam.viewers.plots.encoded", lambda figure, form: b"drawn, not rendered")
-    said = say(*pair, "--signal", "two=two.h5", "--signal", "one=one.h5", "--checkpoint", 2)
-    assert said.code == 0, said
+    result = say(*pair, "--signal", "two=two.h5", "--signal", "one=one.h5", "--checkpoint", 2)
+    assert result.code == 0, result
     summary = json.loads((tmp_path / "out" / "run.json").read_text())
     assert list(summary["agents"]) == ["two", "one"]
     assert [known["file"] for known in summary["source"]] == ["two.h5", "one.h5"]
@@ -122,9 +122,9 @@ def test_files_that_do_not_say_whose_they_are_are_refused(say, pair):
         (("--signal", "one=one.h5", "--measurements", "two.h5"), "--measurements"),
         (("--signal", "one.h5", "--agent", "one", "--agent", "two"), "NAME=FILE"),
     ):
-        said = say(*pair, *words)
-        assert (said.code, len(said.complaints)) == (2, 1), said
-        assert says in said.err
+        result = say(*pair, *words)
+        assert (result.code, len(result.complaints)) == (2, 1), result
+        assert says in result.err
 
 
 @pytest.mark.slow
@@ -134,27 +134,27 @@ def test_files_of_unlike_kinds_are_refused_before_the_first_agent_runs(say, pair
     recording.to_h5(tmp_path / "array.h5")
     for method in ("direct", "direct-paper", "direct_grid"):
         words = (*pair[:3], method, *pair[4:], "--signal", "one=one.h5", "--signal", "two=array.h5")
-        said = say(*words)
-        assert (said.code, len(said.complaints)) == (2, 1), said
-        assert "one.h5 of single antennas" in said.err
-        assert "array.h5 of arrays" in said.err
+        result = say(*words)
+        assert (result.code, len(result.complaints)) == (2, 1), result
+        assert "one.h5 of single antennas" in result.err
+        assert "array.h5 of arrays" in result.err
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("scene", "method"), [("overlap", "direct"), ("screen", "los"), ("room", "va")])
 def test_a_map_that_the_method_would_leave_aside_is_refused(say, tmp_path, scene, method):
-    said = say("run", scene, "--method", method, "--map", "map.h5", "-o", "out")
-    assert (said.code, len(said.complaints)) == (2, 1), said
-    assert "--map" in said.err
-    assert "goes on from no map" in said.err
+    result = say("run", scene, "--method", method, "--map", "map.h5", "-o", "out")
+    assert (result.code, len(result.complaints)) == (2, 1), result
+    assert "--map" in result.err
+    assert "goes on from no map" in result.err
     assert not (tmp_path / "out").exists()
 
 
 def test_measured_paths_given_as_signals_are_called_what_they_are(say, tmp_path, room):
     (tmp_path / "heard.csv").write_text("step,time_s,anchor,distance_m\n0,0,A,1\n")
-    said = say("run", "overlap", "--method", "direct", "--signal", "heard.csv", "-o", "out")
-    assert said.code == 2
-    assert said.complaints == [
+    result = say("run", "overlap", "--method", "direct", "--signal", "heard.csv", "-o", "out")
+    assert result.code == 2
+    assert result.complaints == [
         "error: heard.csv: found a CSV file, which holds measured paths; "
         "allowed: sampled signals (.h5, .mat); a method on paths takes it as --measurements"
     ]
@@ -169,9 +169,9 @@ def test_calibrate_writes_the_samples_with_the_element_where_it_is(say, tmp_path
     off = (off - off.mean(0)) * wave.wavelength_m
     told = replace(recording, waveform=replace(wave, agent_element_m=wave.agent_element_m - off))
     told.to_h5(tmp_path / "z.h5")
-    said = say("calibrate", "screen.toml", "z.h5", "-o", "better.h5")
-    assert (said.code, said.err) == (0, ""), said
-    lines = said.out.splitlines()
+    result = say("calibrate", "screen.toml", "z.h5", "-o", "better.h5")
+    assert (result.code, result.err) == (0, ""), result
+    lines = result.out.splitlines()
     assert lines[0].startswith("wrote better.h5: 60 steps")
     assert [line.split(":")[0] for line in lines[1:]] == [*(f"element {n}" for n in range(4)), "pulse"]
     found = gs.Recording.from_h5(tmp_path / "better.h5")
@@ -194,5 +194,5 @@ def test_calibrate_writes_the_samples_with_the_element_where_it_is(say, tmp_path
         assert (refused.code, len(refused.complaints)) == (2, 1), refused
         assert says in refused.err
         assert not (tmp_path / "a.h5").exists()
-    said = say("calibrate", "screen.toml", "z.h5", "--map", "run", "--same-frame", "-o", "a.h5")
-    assert (said.code, said.err) == (0, ""), said
+    result = say("calibrate", "screen.toml", "z.h5", "--map", "run", "--same-frame", "-o", "a.h5")
+    assert (result.code, result.err) == (0, ""), result

@@ -20,9 +20,9 @@ from gridslam.runs.progress import LEAST_STEPS, LINES, progress_bar
 
 @pytest.mark.parametrize("words", [("--version",), ("run", "-h"), ("-h",)])
 def test_version_and_help_are_told(say, words):
-    said = say(*words)
-    assert (said.code, said.err) == (0, "")
-    assert (f"gridslam {version('gridslam')}" if words == ("--version",) else "Usage:") in said.out
+    result = say(*words)
+    assert (result.code, result.err) == (0, "")
+    assert (f"gridslam {version('gridslam')}" if words == ("--version",) else "Usage:") in result.out
 
 
 @pytest.mark.slow
@@ -56,19 +56,19 @@ def test_progress_is_told_in_lines_where_there_is_no_terminal(capsys):
         with progress_bar("agent1") as tell:
             for done in range(1, total + 1):
                 tell(estimate, done, total)
-        said = capsys.readouterr().err.splitlines()
-        assert len(said) == lines
-        assert not lines or said[-1].startswith(f"agent1: step {total} of {total}, ")
+        shown = capsys.readouterr().err.splitlines()
+        assert len(shown) == lines
+        assert not lines or shown[-1].startswith(f"agent1: step {total} of {total}, ")
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_counts_of_surfaces_agree_in_table_and_file(say):
     Path("tiny.toml").write_text(TINY)
-    said = say("run", "tiny.toml", "--agent", "agent1", "-o", "out")
+    result = say("run", "tiny.toml", "--agent", "agent1", "-o", "out")
     own = json.loads(Path("out/run.json").read_text())["agents"]["agent1"]
     counts = [own[f"surfaces_{name}"] for name in ("detected", "matched", "true", "false")]
     assert counts[1] <= min(counts[0], counts[2])
-    assert f"{counts[0]} {counts[1]}/{counts[2]} {counts[3]} " in said.out
+    assert f"{counts[0]} {counts[1]}/{counts[2]} {counts[3]} " in result.out
     assert own["position_std_m"] > 0
 
 
@@ -77,30 +77,30 @@ def test_run_without_truth_shows_its_own_deviations(say):
     scene = gs.Scene.from_toml(TINY, "tiny")
     gs.simulate(scene, "agent1", 1).to_csv("heard.csv")
     Path("tiny.toml").write_text(TINY)
-    said = say("run", "tiny.toml", "--measurements", "heard.csv", "-o", "out")
-    assert (said.code, said.err) == (0, "")
+    result = say("run", "tiny.toml", "--measurements", "heard.csv", "-o", "out")
+    assert (result.code, result.err) == (0, "")
     own = json.loads(Path("out/run.json").read_text())["agents"]["agent1"]
     assert own["position_rmse_m"] is None
-    assert f"+-{100 * own['position_std_m']:.2f}" in said.out
-    assert f"+-{own['heading_std_deg']:.2f}" in said.out
+    assert f"+-{100 * own['position_std_m']:.2f}" in result.out
+    assert f"+-{own['heading_std_deg']:.2f}" in result.out
 
 
 @pytest.mark.usefixtures("no_figures")
 def test_other_columns_of_a_table_are_passed_over_and_noted(say):
     scene = gs.Scene.from_toml(TINY, "tiny")
-    heard = gs.simulate(scene, "agent1", 1)
-    heard.to_csv("heard.csv")
+    measurements = gs.simulate(scene, "agent1", 1)
+    measurements.to_csv("heard.csv")
     first, *rows = Path("heard.csv").read_text().splitlines()
     more = [f"{first},rssi,comment", *(f'{row},-40,"loud, near"' for row in rows)]
     Path("more.csv").write_text("\n".join(more))
     note = "note: more.csv: columns rssi, comment not used"
     Path("tiny.toml").write_text(TINY)
     for words in (("check", "more.csv"), ("run", "tiny.toml", "--measurements", "more.csv", "-o", "out")):
-        said = say(*words)
-        assert (said.code, said.complaints) == (0, [note])
+        result = say(*words)
+        assert (result.code, result.complaints) == (0, [note])
     with pytest.warns(gs.errors.Note, match="rssi, comment"):
         again = gs.Measurements.from_csv("more.csv")
-    np.testing.assert_array_equal(again.distance_m, heard.distance_m)
+    np.testing.assert_array_equal(again.distance_m, measurements.distance_m)
     Path("wrong.csv").write_text("\n".join([f"{first},distence_m", *(f"{row},1" for row in rows)]))
     assert "distance_m (nearest known)" in say("check", "wrong.csv").err
 
@@ -110,8 +110,8 @@ def test_measurements_that_make_a_filter_unwell_point_to_check(say, short_room):
     say("simulate", short_room, "-o", "heard.csv")
     table = Path("heard.csv").read_text().replace(",A,", ",C,").replace(",B,", ",A,").replace(",C,", ",B,")
     Path("heard.csv").write_text(table)
-    said = say("run", short_room, "--agent", "agent1", "--measurements", "heard.csv", "-o", "one")
-    assert f"is told by: gridslam check heard.csv --scene {short_room}" in said.out
+    result = say("run", short_room, "--agent", "agent1", "--measurements", "heard.csv", "-o", "one")
+    assert f"is told by: gridslam check heard.csv --scene {short_room}" in result.out
 
 
 @pytest.mark.slow
@@ -120,11 +120,13 @@ def test_measurements_that_make_a_filter_unwell_point_to_check(say, short_room):
 def test_distances_alone_point_to_the_method_for_them(say, method, told):
     scene = gs.Scene.from_toml(TINY, "tiny")
     for name, keys in (("alone", ("distance_m",)), ("whole", ("distance_m", "aoa_rad"))):
-        heard = gs.simulate(scene, "agent1", 1)
+        measurements = gs.simulate(scene, "agent1", 1)
         lines = [",".join(("step", "time_s", "anchor", *keys))]
         lines += [
-            ",".join(map(str, (s, float(s), "AB"[a], *(float(getattr(heard, key)[n]) for key in keys))))
-            for n, (s, a) in enumerate(zip(heard.step, heard.anchor, strict=True))
+            ",".join(
+                map(str, (s, float(s), "AB"[a], *(float(getattr(measurements, key)[n]) for key in keys)))
+            )
+            for n, (s, a) in enumerate(zip(measurements.step, measurements.anchor, strict=True))
         ]
         Path(f"{name}.csv").write_text("\n".join(lines))
     Path("tiny.toml").write_text(TINY)
@@ -141,10 +143,12 @@ def test_before_a_run_it_is_said_what_a_method_does_not_use():
     assert hints(overlap, "direct", None) == hints(gs.Scene.load("room"), "grid", None) == []
     one = np.array([0])
     values = dict.fromkeys(("time_s", "distance_m", "aod_rad", "aoa_rad", "amplitude"), np.ones(1))
-    heard = gs.Measurements(anchors=("A",), step=one, anchor=one, **values, aoa_elevation_rad=np.ones(1))
-    assert hints(tall, "grid", heard) == []
-    assert "grid and adaptive do" in " ".join(hints(tall, "va", heard))
-    assert "gives no heights" in " ".join(hints(gs.Scene.load("room"), "grid", heard))
+    measurements = gs.Measurements(
+        anchors=("A",), step=one, anchor=one, **values, aoa_elevation_rad=np.ones(1)
+    )
+    assert hints(tall, "grid", measurements) == []
+    assert "grid and adaptive do" in " ".join(hints(tall, "va", measurements))
+    assert "gives no heights" in " ".join(hints(gs.Scene.load("room"), "grid", measurements))
 
 
 @pytest.mark.slow
@@ -160,21 +164,23 @@ def test_figures_are_drawn_in_other_formats_and_widths(say):
         Path("out/figures", name).write_text("old")
     assert say("plot", "out", "--format", "pdf").code == 0
     assert {path.name for path in Path("out/figures").iterdir()} == {*names, "agent1-gospa.png", "mine.pdf"}
-    said = say("plot", "out", "--format", "jpg")
-    assert (said.code, len(said.complaints)) == (2, 1)
+    result = say("plot", "out", "--format", "jpg")
+    assert (result.code, len(result.complaints)) == (2, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_distances_of_clocks_that_are_off_are_named_below_the_table_of_a_run(say):
     scene = shortened(gs.Scene.load("room"), 60).with_filter(particles=64)
-    heard = gs.simulate(scene, "agent1", 12)
+    measurements = gs.simulate(scene, "agent1", 12)
     Path("room.toml").write_text(scene.to_toml())
     for metres, times in ((0.0, 0), (1.5, 1)):
-        replace(heard, distance_m=heard.distance_m + metres).to_csv("heard.csv")
-        said = say("run", "room.toml", "--measurements", "heard.csv", "-o", "out", "--overwrite")
-        assert said.code == 0
-        named = re.findall(r"note: agent1: distances of all anchors are 1\.[45]\d m .* too long.*", said.out)
+        replace(measurements, distance_m=measurements.distance_m + metres).to_csv("heard.csv")
+        result = say("run", "room.toml", "--measurements", "heard.csv", "-o", "out", "--overwrite")
+        assert result.code == 0
+        named = re.findall(
+            r"note: agent1: distances of all anchors are 1\.[45]\d m .* too long.*", result.out
+        )
         assert len(named) == times
 
 
@@ -189,16 +195,16 @@ def test_a_runs_folder_stands_for_its_map(say, tmp_path):
     assert map_in(None) is None
     assert say("export", "one", "-o", "robot").code == 0
     assert (tmp_path / "robot/map.yaml").exists()
-    said = say("run", "hall", "--map", "one", "-o", "two")
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "one/map.h5" in said.err
+    result = say("run", "hall", "--map", "one", "-o", "two")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "one/map.h5" in result.err
 
 
 def test_what_is_printed_of_large_things_is_one_line():
     scene = shortened(gs.Scene.load("screen"), 3)
     truth = gs.ground_truth(scene, "agent1")
-    heard = gs.simulate(scene, "agent1", 1, what="signal")
-    for thing in (scene, truth, truth.trajectory, heard, heard.waveform):
+    recording = gs.simulate(scene, "agent1", 1, what="signal")
+    for thing in (scene, truth, truth.trajectory, recording, recording.waveform):
         assert len(repr(thing)) < 120
         assert repr(thing).startswith(f"<{type(thing).__name__}"), repr(thing)
     assert repr(gs.Scene.load("room")) == "<Scene room: 2 anchors, 1 wall, 1 agent>"

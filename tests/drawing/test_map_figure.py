@@ -57,8 +57,8 @@ def test_notebooks_get_a_picture_that_loads_nothing(run, shown, tmp_path):
 
 def test_plot_of_a_method_without_cells_speaks_of_none(run):
     """Its cells aren't unexplored: there are none."""
-    heard = gs.simulate(run.scene, "agent1", 1)
-    lines = gs.map_scene(run.scene, heard, method="adaptive", seed=1, particles=100).plot()
+    measurements = gs.simulate(run.scene, "agent1", 1)
+    lines = gs.map_scene(run.scene, measurements, method="adaptive", seed=1, particles=100).plot()
     words = {text.get_text() for text in lines.legends[0].get_texts()}
     assert "surfaces found" in words
     assert not words & {"free", "unexplored", "occupied"}

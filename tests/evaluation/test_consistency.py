@@ -51,9 +51,9 @@ def alcove():
 def perfect(scene, truth, off):
     """Estimates that are `off` (m) in x, with all surfaces found so far in place and no path but the true."""
     estimates = []
-    heard = AudibleSurfaces.of(truth)
+    audible = AudibleSurfaces.of(truth)
     for step in range(len(truth.trajectory)):
-        line = line_of_sfv(heard.feature[heard.first <= step])
+        line = line_of_sfv(audible.feature[audible.first <= step])
         one = np.ones(len(line))
         surfaces = SurfaceEstimate.from_lines(line, np.zeros((len(line), 2, 2)), one, one, one)
         at = truth.paths.at(step)

@@ -44,26 +44,26 @@ def test_surface_seen_by_no_path_is_not_demanded_and_a_window_is_no_second_wall(
         ([[0, 0], [1.5, 2], [3, 0]], [1, -1]),
         ([[0, 0], [0.5, 2], [5, 0.5], [1, 0]], [0, 2]),
     )
-    heard = AudibleSurfaces.of(truth_of(segments, seen))
-    np.testing.assert_allclose(heard.feature, [[0, 4], [10, 0]], atol=1e-12)
-    assert heard.first.tolist() == [0, 2]
-    assert [heard.count(step) for step in range(3)] == [1, 1, 2]
+    audible = AudibleSurfaces.of(truth_of(segments, seen))
+    np.testing.assert_allclose(audible.feature, [[0, 4], [10, 0]], atol=1e-12)
+    assert audible.first.tolist() == [0, 2]
+    assert [audible.count(step) for step in range(3)] == [1, 1, 2]
     scores = surface_scores(lines_at([[0, 4]]), truth_of(segments, seen))
     counts = {"surfaces_matched": 1, "surfaces_true": 2, "surfaces_false": 0}
     assert scores == counts | {"surface_ospa_m": pytest.approx(2.5)}
     beside = surface_scores(lines_at([[0, 4], [0, 4.3], [0, 4.6]]), truth_of(segments, seen))
     assert (beside["surfaces_matched"], beside["surfaces_false"]) == (1, 1)
-    assert heard.ospa(lines_at([[0, 4]]), step=1) == pytest.approx(0, abs=1e-9)
+    assert audible.ospa(lines_at([[0, 4]]), step=1) == pytest.approx(0, abs=1e-9)
 
 
 def test_world_without_walls_has_nothing_to_be_found():
     whole = np.zeros(0, int)
     none = geometry.Segments(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), whole, whole, whole)
     truth = truth_of(none, paths(([[2.5, 2.5], [6.5, 2.5]], [-1, -1])))
-    heard = AudibleSurfaces.of(truth)
-    assert (len(heard.feature), len(heard.first), heard.count()) == (0, 0, 0)
-    assert heard.ospa(lines_at([])) == 0
-    assert heard.ospa(lines_at([[1, 1]])) == 5
+    audible = AudibleSurfaces.of(truth)
+    assert (len(audible.feature), len(audible.first), audible.count()) == (0, 0, 0)
+    assert audible.ospa(lines_at([])) == 0
+    assert audible.ospa(lines_at([[1, 1]])) == 5
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +96,8 @@ def test_curved_wall_is_there_once_and_any_of_its_facets_may_stand_for_it(front)
 
 def test_facet_in_line_with_a_straight_wall_is_part_of_that():
     segments = walls(([0, 2], [4, 2], 0.7, 0), ([4, 2], [5, 2], 0.3, 0), curve=[-1, 1])
-    heard = AudibleSurfaces.of(truth_of(segments, paths(single(2, 1))))
-    assert heard.curve.tolist() == [-1]
+    audible = AudibleSurfaces.of(truth_of(segments, paths(single(2, 1))))
+    assert audible.curve.tolist() == [-1]
 
 
 def test_canyon_tells_its_facets_and_no_other_scene_has_any():

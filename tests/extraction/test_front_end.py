@@ -187,39 +187,39 @@ def test_angles_are_told_relative_to_the_devices_and_none_by_elements_in_a_line(
         radio={"snr_at_1m_db": 60.0, "array": {"rows": 2, "columns": 2, "spacing_wavelengths": 0.4}}
     )
     truth = true_paths(scene, "me")
-    heard = gs.extract(gs.simulate(scene, "me", 1, what="signal"), false_alarms=1e-3)
-    assert heard.step.tolist() == [0, 1, 2]
-    assert heard.distance_m == pytest.approx(truth.distance_m, abs=0.01)
-    assert heard.aod_rad == pytest.approx(truth.aod_rad, abs=0.01)
-    assert heard.aoa_rad == pytest.approx(truth.aoa_rad, abs=0.01)
-    assert heard.amplitude == pytest.approx(truth.amplitude, rel=0.2)
+    measurements = gs.extract(gs.simulate(scene, "me", 1, what="signal"), false_alarms=1e-3)
+    assert measurements.step.tolist() == [0, 1, 2]
+    assert measurements.distance_m == pytest.approx(truth.distance_m, abs=0.01)
+    assert measurements.aod_rad == pytest.approx(truth.aod_rad, abs=0.01)
+    assert measurements.aoa_rad == pytest.approx(truth.aoa_rad, abs=0.01)
+    assert measurements.amplitude == pytest.approx(truth.amplitude, rel=0.2)
     flat = sampled_scene(
         radio={"snr_at_1m_db": 60.0, "array": {"rows": 2, "columns": 1, "spacing_wavelengths": 0.4}},
         array={"rows": 1, "columns": 1},
     )
-    heard = gs.extract(gs.simulate(flat, "me", 1, what="signal"), false_alarms=1e-3)
-    assert np.isnan(heard.aod_rad).all()
-    assert np.isnan(heard.aoa_rad).all()
-    assert heard.aod_std_rad is None
-    assert heard.distance_m == pytest.approx(truth.distance_m, abs=0.01)
+    measurements = gs.extract(gs.simulate(flat, "me", 1, what="signal"), false_alarms=1e-3)
+    assert np.isnan(measurements.aod_rad).all()
+    assert np.isnan(measurements.aoa_rad).all()
+    assert measurements.aod_std_rad is None
+    assert measurements.distance_m == pytest.approx(truth.distance_m, abs=0.01)
 
 
 def test_missing_snapshots_give_no_rows_and_all_steps_are_there():
     scene = sampled_scene(radio={"snr_at_1m_db": 50.0})
     whole = gs.simulate(scene, "me", 1, what="signal")
     part = replace(whole, heard=np.array([[True], [False], [True]]))
-    heard = gs.extract(part)
-    assert (len(heard), sorted(set(heard.step))) == (3, [0, 2])
-    assert heard.truth == whole.truth
-    assert heard.anchor_position_m == pytest.approx(scene.anchor_positions)
+    measurements = gs.extract(part)
+    assert (len(measurements), sorted(set(measurements.step))) == (3, [0, 2])
+    assert measurements.truth == whole.truth
+    assert measurements.anchor_position_m == pytest.approx(scene.anchor_positions)
 
 
 def test_nothing_found_is_a_table_without_rows_and_the_scene_sets_the_threshold():
     quiet = recording(noise_of(band_of(), 5, 1)[:, 0, 0][:, None])
     assert len(gs.extract(quiet, false_alarms=1e-6)) == 5
     scene = sampled_scene(radio={"false_alarms": 1.0, "detection_threshold_db": 11.0})
-    heard = gs.extract(replace(quiet), scene)
-    assert (heard.amplitude > 10 ** (11 / 20)).all()
+    measurements = gs.extract(replace(quiet), scene)
+    assert (measurements.amplitude > 10 ** (11 / 20)).all()
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, 11.0])
@@ -245,17 +245,17 @@ def test_examples_of_the_docs_do_what_they_say(tmp_path, monkeypatch, capsys):
 
 def test_a_scene_whose_radio_measures_distances_alone_gets_these_alone():
     scene = sampled_scene(radio={"snr_at_1m_db": 50.0, "measures": ("distance",)})
-    heard = gs.extract(gs.simulate(scene, "me", 1, what="signal"), scene)
-    assert len(heard.step)
-    assert np.isnan(heard.amplitude).all()
-    assert (heard.distance_std_m > 0).all()
+    measurements = gs.extract(gs.simulate(scene, "me", 1, what="signal"), scene)
+    assert len(measurements.step)
+    assert np.isnan(measurements.amplitude).all()
+    assert (measurements.distance_std_m > 0).all()
 
 
 @pytest.mark.slow
 def test_virtual_anchors_follow_what_was_found_among_overlapping_fading_paths():
     scene = shortened(gs.Scene.load("overlap"), 50)
-    heard = gs.extract(gs.simulate(scene, "agent1", 0, what="signal"), scene)
-    run = gs.map_scene(scene, heard, "va", seed=0)
+    measurements = gs.extract(gs.simulate(scene, "agent1", 0, what="signal"), scene)
+    run = gs.map_scene(scene, measurements, "va", seed=0)
     assert run.score(gs.ground_truth(scene, "agent1"))["position_rmse_m"] < 0.08
 
 

@@ -27,7 +27,7 @@ def responses(band, path):
     return np.einsum("nm,na,nb->nabm", delay, leaving, arriving).reshape(len(path), -1)
 
 
-def heard(band, path, amplitude, noise=NOISE, seed=0):
+def snapshot(band, path, amplitude, noise=NOISE, seed=0):
     shape = len(band.anchor), len(band.agent), len(band.wavenumber)
     rest = np.random.default_rng(seed).normal(size=(2, *shape)) * np.sqrt(noise / 2)
     return rest[0] + 1j * rest[1] + (np.asarray(amplitude) @ responses(band, path)).reshape(shape)

@@ -25,7 +25,7 @@ def simulated(name, seed, agent):
     return gs.simulate(gs.Scene.checked({**data, "agents": agents}, name), agent, seed)
 
 
-def heard(name, seed, agent="agent1", steps=None):
+def simulated_columns(name, seed, agent="agent1", steps=None):
     table = simulated(name, seed, agent)
     rows = slice(None) if steps is None else table.step < steps
     return {key: np.array(getattr(table, key)[rows]) for key in NAMES}

@@ -14,10 +14,10 @@ NEAR_M = 0.4
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Noise of one anchor, if known; how often it was heard."""
+    """Noise of one anchor, if known; how many snapshots it was taken from."""
 
     noise: float | None = None
-    heard: int = 0
+    count: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +51,9 @@ def advance(state, scan, model, work):
         gain = covariance @ slope / spread
         mean = mean + gain * (lengths[profile.argmax()] - np.hypot(*way))
         covariance = covariance - spread * np.outer(gain, gain)
-        levels[anchor] = Level(float(np.median(profile)), levels[anchor].heard + 1)
+        levels[anchor] = Level(float(np.median(profile)), levels[anchor].count + 1)
     state = EchoState(mean, covariance, tuple(levels), state.step + 1, scan.time_s)
-    return state, {"heard": len(scan)}
+    return state, {"anchors": len(scan)}
 
 
 class EchoFilter(SignalFilter[EchoState]):

@@ -79,9 +79,9 @@ def interrupted(tiny, monkeypatch, *options, agent="agent1", step=1):
     """A run of which the first agent, or another, is through with a few steps."""
     with monkeypatch.context() as patch:
         stop_at(patch, agent, step)
-        said = tiny(*RUN, "-o", "out", "--checkpoint", "1", *options)
-    assert said.code == 130, said.err
-    return said
+        result = tiny(*RUN, "-o", "out", "--checkpoint", "1", *options)
+    assert result.code == 130, result.err
+    return result
 
 
 def recorded(tiny):
@@ -98,10 +98,10 @@ def recorded(tiny):
 def refused(tiny, *words):
     """Why a command is refused, after which the unfinished run is still whole."""
     before = unfinished_files()
-    said = tiny(*words)
-    assert (said.code, len(said.complaints)) == (2, 1), said
+    result = tiny(*words)
+    assert (result.code, len(result.complaints)) == (2, 1), result
     assert unfinished_files() == before
-    return said.err
+    return result.err
 
 
 def unfinished_files():
@@ -131,8 +131,8 @@ def killed(last, *words):
     run = subprocess.Popen(
         [sys.executable, "-c", code, *words], stdin=pipe, stdout=pipe, stderr=pipe, text=True
     )
-    said = run.stdout.readline()
+    first_line = run.stdout.readline()
     run.kill()
     told = run.communicate()[1]
-    assert (said, run.returncode) == ("here\n", -signal.SIGKILL), told
+    assert (first_line, run.returncode) == ("here\n", -signal.SIGKILL), told
     return run.pid

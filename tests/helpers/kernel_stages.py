@@ -24,12 +24,12 @@ def stages():
     @ti.kernel
     def gated(
         spreading: ti.f64, step: ti.f64, kept: ti.f64, amplitudes: pack(Amplitudes), rows: pack(PathRows),
-        heard: double, places: double, radio: double, scratch: pack(Gating), pairs: pack(Pairs),
+        scan: double, places: double, radio: double, scratch: pack(Gating), pairs: pack(Pairs),
         ratios: pack(Ratios),
     ):  # fmt: skip
         for _ in range(1):
-            weigh(amplitudes, spreading, step, rows, heard, radio, scratch, ratios.odds)
-            gate(rows, heard, places, radio, kept, scratch, pairs, ratios)
+            weigh(amplitudes, spreading, step, rows, scan, radio, scratch, ratios.odds)
+            gate(rows, scan, places, radio, kept, scratch, pairs, ratios)
 
     @ti.kernel
     def summed(

@@ -22,13 +22,13 @@ def state_after(points, powers, seed, elsewhere_from=STEPS, spread=(0.1, 0.1, 0.
         model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.9]),
         np.array([LOS_POWER]), np.ones(1),
     )  # fmt: skip
-    segment, heard, at = Segment.empty(1, 4, 41), np.array([True]), belief
+    segment, audible, at = Segment.empty(1, 4, 41), np.array([True]), belief
     for k in range(STEPS):
         place = np.array([0.1 * k, 0.5 * np.sin(0.2 * k)])
         rows = points if k < elsewhere_from else [point + np.array([0.0, 5.0, 0.0]) for point in points]
         z = received(model, place, 0.1 * k, [LOS, *rows], [LOS_POWER, *powers], draw)
-        at, evidence = update(predict(at, 0.1, 2.0) if k else at, z, heard, 0.1 * k, model, k)
-        segment = segment.add(0.1 * k, 0.1 * k, heard, z, np.array([*place, 1.0, 0.0]), evidence)
+        at, evidence = update(predict(at, 0.1, 2.0) if k else at, z, audible, 0.1 * k, model, k)
+        segment = segment.add(0.1 * k, 0.1 * k, audible, z, np.array([*place, 1.0, 0.0]), evidence)
     return HybridState(belief, belief, segment, step=STEPS, time_s=0.1 * (STEPS - 1)), model
 
 

@@ -129,8 +129,8 @@ def some_measurements(scene, agent, truth=True):
 def write(directory, scene, agents=("agent1", "agent2"), truth=True, **options):
     runs = [some_run(scene, agent) for agent in agents]
     scores = [run.score(ground_truth(scene, run.agent) if truth else None) for run in runs]
-    heard = [some_measurements(scene, agent, truth) for agent in agents]
-    write_run(directory, scene, runs, heard, scores, {"threads": 2}, **options)
+    measurements = [some_measurements(scene, agent, truth) for agent in agents]
+    write_run(directory, scene, runs, measurements, scores, {"threads": 2}, **options)
 
 
 def tree(folder):

@@ -146,11 +146,11 @@ def test_agents_with_other_anchors_or_times_are_not_put_together(exact):
 
 @pytest.mark.parametrize("unlabelled", [False, True])
 def test_receiving_exact_paths_of_several_agents_is_the_simulator(scene, exact, unlabelled):
-    heard = receive_network(exact, scene, 7, unlabelled)
+    measurements = receive_network(exact, scene, 7, unlabelled)
     simulated = gs.simulate(scene, NAMES, 7, unlabelled)
-    same(heard.table, simulated.table)
-    np.testing.assert_array_equal(heard.agent, simulated.agent)
-    np.testing.assert_array_equal(heard.clocks.offset_s, simulated.clocks.offset_s)
-    assert (heard.table.distance_m < 0).any()
+    same(measurements.table, simulated.table)
+    np.testing.assert_array_equal(measurements.agent, simulated.agent)
+    np.testing.assert_array_equal(measurements.clocks.offset_s, simulated.clocks.offset_s)
+    assert (measurements.table.distance_m < 0).any()
     with pytest.raises(InputError, match="anchor: found rows without it"):
         receive_network(exact.without_labels(), scene)

@@ -40,23 +40,23 @@ def exact():
     return Measurements(anchors=("A", "B"), time_s=TRACK.time_s[cut["step"]], steps=STEPS, **cut)
 
 
-def world(heard):
+def world(measurements):
     """Arrays (steps, anchors, paths) as a ray tracer gives them: world directions, padded with NaN."""
     counts = np.zeros((STEPS, 2), int)
-    np.add.at(counts, (heard.step, heard.anchor), 1)
+    np.add.at(counts, (measurements.step, measurements.anchor), 1)
     place = np.concatenate([np.arange(n) for n in counts.ravel()])
     shape = (STEPS, 2, counts.max() + 2)
     columns = {
-        "tau": heard.distance_m / SPEED_OF_LIGHT,
-        "phi_t": wrap(heard.aod_rad + ROOM.anchor_orientations[heard.anchor]),
-        "phi_r": wrap(heard.aoa_rad + TRACK.heading_rad[heard.step]),
-        "theta_t": np.full(len(heard.step), np.pi / 2),
-        "theta_r": np.full(len(heard.step), np.pi / 2),
-        "gain": heard.amplitude / ROOM.signal_model().amplitude_at_1m * WAVELENGTH / (4 * np.pi),
+        "tau": measurements.distance_m / SPEED_OF_LIGHT,
+        "phi_t": wrap(measurements.aod_rad + ROOM.anchor_orientations[measurements.anchor]),
+        "phi_r": wrap(measurements.aoa_rad + TRACK.heading_rad[measurements.step]),
+        "theta_t": np.full(len(measurements.step), np.pi / 2),
+        "theta_r": np.full(len(measurements.step), np.pi / 2),
+        "gain": measurements.amplitude / ROOM.signal_model().amplitude_at_1m * WAVELENGTH / (4 * np.pi),
     }
     table = {name: np.full(shape, np.nan) for name in columns}
     for name, values in columns.items():
-        table[name][heard.step, heard.anchor, place] = values
+        table[name][measurements.step, measurements.anchor, place] = values
     return table
 
 
@@ -91,8 +91,8 @@ HEADING = TRACK.heading_rad[:STEPS]
 
 @pytest.mark.parametrize("antennas", [1, 2])
 def test_sionna_paths_give_the_geometry_back(antennas):
-    heard = exact()
-    close(gs.from_sionna(sionna_like(world(heard), antennas), ROOM, HEADING, **LEAST), heard)
+    measurements = exact()
+    close(gs.from_sionna(sionna_like(world(measurements), antennas), ROOM, HEADING, **LEAST), measurements)
 
 
 def test_one_paths_object_per_step_gives_the_same():
@@ -140,9 +140,9 @@ def test_paths_over_floor_and_steep_paths_are_left_out_and_slopes_projected():
 
 def test_weak_paths_are_left_out_and_the_carrier_sets_the_gain():
     paths = sionna_like(world(exact()))
-    heard = gs.from_sionna(paths, ROOM, HEADING)
-    assert heard.amplitude.min() > ROOM.signal_model().threshold
-    assert len(heard.step) == (exact().amplitude > ROOM.signal_model().threshold).sum()
+    measurements = gs.from_sionna(paths, ROOM, HEADING)
+    assert measurements.amplitude.min() > ROOM.signal_model().threshold
+    assert len(measurements.step) == (exact().amplitude > ROOM.signal_model().threshold).sum()
     double = gs.from_sionna(paths, ROOM, HEADING, carrier_hz=2 * ROOM.radio.carrier_hz, **LEAST)
     np.testing.assert_allclose(double.amplitude, 2 * exact().amplitude, rtol=1e-9)
 
@@ -235,11 +235,11 @@ def traced(tmp_path_factory):
 def test_real_sionna_traces_the_paths_of_the_image_source_simulator(traced, name, step):
     scene = Scene.load(name)
     track, truth = scene.track("agent1"), true_paths(scene, "agent1")
-    heard = gs.from_sionna(traced(name, step), scene, track.heading_rad[::step], **LEAST)
+    measurements = gs.from_sionna(traced(name, step), scene, track.heading_rad[::step], **LEAST)
     rows = np.flatnonzero(truth.step % step == 0)
-    assert len(heard.step) == len(rows)
-    for number in range(len(heard)):
-        scan, true = heard.scan(number), truth.at(number * step)
+    assert len(measurements.step) == len(rows)
+    for number in range(len(measurements)):
+        scan, true = measurements.scan(number), truth.at(number * step)
         gap = np.abs(scan.distance_m[:, None] - true.distance_m)
         gap += np.abs(wrap(scan.aod_rad[:, None] - true.aod_rad)) + np.abs(
             wrap(scan.aoa_rad[:, None] - true.aoa_rad)
@@ -255,11 +255,11 @@ def test_real_sionna_traces_the_paths_over_floor_and_ceiling(traced, tmp_path):
     scene = with_levels(Scene.load("ceiling"))
     (tmp_path / "levels.toml").write_text(scene.to_toml(), encoding="utf-8")
     track, truth = scene.track("agent1"), true_paths(scene, "agent1")
-    heard = gs.from_sionna(
+    measurements = gs.from_sionna(
         traced(str(tmp_path / "levels.toml"), 50, "office"), scene, track.heading_rad[::50], **LEAST
     )
-    for number in range(len(heard)):
-        scan, true = heard.scan(number), truth.at(number * 50)
+    for number in range(len(measurements)):
+        scan, true = measurements.scan(number), truth.at(number * 50)
         gap = np.abs(scan.distance_m[:, None] - true.distance_m)
         gap += np.abs(wrap(scan.aod_rad[:, None] - true.aod_rad))
         gap += np.abs(wrap(scan.aoa_rad[:, None] - true.aoa_rad)) + (scan.anchor[:, None] != true.anchor)
@@ -275,7 +275,7 @@ def louder(name):
     return Scene.checked({**whole, "radio": {**whole["radio"], "snr_at_1m_db": 40.0}}, "louder")
 
 
-def heard_paths(clean, scene):
+def detected_paths(clean, scene):
     """Those of the scene's own paths that were traced, with traced amplitudes: the bound needs the walls."""
     truth = true_paths(scene, "agent1")
     amplitude = np.full(len(truth), np.nan)
@@ -311,7 +311,7 @@ def test_measurements_of_real_sionna_are_mapped(traced, name, building, most):
     clean = gs.from_sionna(
         traced(place, 1, building), scene, track.heading_rad, truth=track, least_snr_db=-6.0
     )
-    bound = known_map_bound(scene, "agent1", heard_paths(clean, scene))
+    bound = known_map_bound(scene, "agent1", detected_paths(clean, scene))
     for seed in (1, 2, 3):
         run = map_scene(scene, receive(clean, scene, "agent1", seed), seed=seed)
         position, _ = track_errors(run.trajectory, track)

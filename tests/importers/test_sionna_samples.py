@@ -108,7 +108,7 @@ def test_a_recording_says_what_was_measured_and_parts_join():
 
 
 @pytest.mark.parametrize(
-    ("paths", "heading", "more", "said"),
+    ("paths", "heading", "more", "why"),
     [
         (traced(3, antennas=2), HEADING, {}, "one at either end"),
         (traced(3, anchors=2), HEADING, {}, "1, as the scene has anchors"),
@@ -125,8 +125,8 @@ def test_a_recording_says_what_was_measured_and_parts_join():
         ([], HEADING, {}, "one Paths object or more"),
     ],
 )
-def test_what_does_not_fit_is_refused_in_one_line(paths, heading, more, said):
-    with pytest.raises(InputError, match=said):
+def test_what_does_not_fit_is_refused_in_one_line(paths, heading, more, why):
+    with pytest.raises(InputError, match=why):
         gs.recording_from_sionna(paths, SCREEN, heading, **more)
 
 
@@ -165,7 +165,7 @@ def test_what_is_no_scene_is_refused(importer, scene):
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("more", "why"),
     [
         ({"heading_rad": "abc"}, "heading_rad: found 'abc'; allowed: one finite number"),
         ({"heading_rad": [[0.1]]}, r"heading_rad: found shape \(1, 1\)"),
@@ -175,7 +175,7 @@ def test_what_is_no_scene_is_refused(importer, scene):
         ({"carrier_hz": 0}, "carrier_hz: found 0; allowed: a number from 1 to"),
     ],
 )
-def test_numbers_that_a_table_of_paths_needs_are_checked(more, said):
-    with pytest.raises(InputError, match=said):
+def test_numbers_that_a_table_of_paths_needs_are_checked(more, why):
+    with pytest.raises(InputError, match=why):
         gs.from_sionna(traced(3), SCREEN, **{"heading_rad": HEADING} | more)
     assert len(gs.from_sionna(traced(3, flat=True), SCREEN, HEADING, least_snr_db=-np.inf)) == 2

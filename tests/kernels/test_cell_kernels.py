@@ -53,9 +53,9 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     told[2], told[3] = draw.choice([0.0, 0.01, 0.6, 1.2], room), 12 * told[3]
     pairs = np.sort(draw.integers(0, 9, room - 2))
     begin = np.concatenate([[0], pairs, [3, 7]]).astype(np.int32)
-    said = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
+    message = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
     (table, step), radio, count = detection_table(), random_radio(draw), np.array([room - 2, 9], np.int32)
-    messages = Messages(count, path, factor, told, begin, said)
+    messages = Messages(count, path, factor, told, begin, message)
     into = 7, step, draw.normal(size=13), table, radio, frame, places, cast, messages
     sights = random_hits(np.random.default_rng([seed, 1]), 3)
     own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))

@@ -40,11 +40,11 @@ print(json.dumps({
 
 def follow(device, **environment):
     """What a filter in a process of its own believes in the end."""
-    said = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", FOLLOW, device], input=TINY, capture_output=True, text=True, check=True,
         env={**os.environ, **environment},
     )  # fmt: skip
-    return json.loads(said.stdout.splitlines()[-1])
+    return json.loads(result.stdout.splitlines()[-1])
 
 
 @pytest.mark.slow
@@ -63,9 +63,9 @@ def test_a_gpu_agrees_with_the_cpu():
 
 @pytest.mark.slow
 def test_a_gpu_that_cannot_be_had_is_an_error():
-    said = follow("gpu", CUDA_VISIBLE_DEVICES="", VK_DRIVER_FILES="/none", VK_ICD_FILENAMES="/none")
-    assert "device" in said["error"]
-    assert "gpu" in said["error"]
+    result = follow("gpu", CUDA_VISIBLE_DEVICES="", VK_DRIVER_FILES="/none", VK_ICD_FILENAMES="/none")
+    assert "device" in result["error"]
+    assert "gpu" in result["error"]
 
 
 def test_resident_arrays_change_nothing(monkeypatch):

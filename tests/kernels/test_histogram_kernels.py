@@ -42,11 +42,11 @@ def test_histograms_that_listened_equal_their_twin(seed, paths, count):
     from gridslam.kernels.messages.histograms import listen
 
     draw = np.random.default_rng(seed)
-    ahead, heard = histograms(draw, paths), random_table(draw, count)
+    ahead, scan = histograms(draw, paths), random_table(draw, count)
     responsible = draw.dirichlet(np.full(count + 1, 0.3), paths)[:, :count].reshape(paths, count).copy()
     responsible[draw.random((paths, count)) < 0.3] = 0.0
     density, after = np.full((count, len(NODES)), np.nan), np.full(ahead.shape, np.nan)
-    listen(ahead, heard, responsible, TABLE, NUMBER, float(SIGNAL.samples), density, after)
-    wanted = reference.listen(ahead, heard, responsible, TABLE, NUMBER, SIGNAL.samples)
+    listen(ahead, scan, responsible, TABLE, NUMBER, float(SIGNAL.samples), density, after)
+    wanted = reference.listen(ahead, scan, responsible, TABLE, NUMBER, SIGNAL.samples)
     np.testing.assert_allclose(after, wanted, rtol=1e-4, atol=1e-9)
     np.testing.assert_allclose(after.sum(1), 1, atol=1e-9)

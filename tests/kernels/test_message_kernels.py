@@ -40,7 +40,7 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     predicted = predictions(draw, paths)
     path = np.zeros((paths, 4), np.int32)
     path[paths - paths // 2 :, 3] = 1
-    heard, radio = random_table(draw, count, predicted[:, :3]), random_radio(draw, given_std, flat_array)
+    scan, radio = random_table(draw, count, predicted[:, :3]), random_radio(draw, given_std, flat_array)
     belief = draw.dirichlet(np.full(nodes, 0.3), paths).reshape(paths, nodes)
     belief[: paths // 2, ::2] = 0.0  # nodes that can't be
     level = np.linspace(2, 80, nodes) if spreading else np.linspace(0.4, 12, nodes)
@@ -51,11 +51,11 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     index, pair, table = np.zeros((room, 2), np.int32), np.zeros((room, 8)), np.zeros((room, 11), np.float32)
     strength = np.full((2, paths, count), np.nan)
     places = random_places(draw, 2)
-    given_to = belief, level, float(spreading), path, predicted, heard, chance, step, places, radio, 0.1
+    given_to = belief, level, float(spreading), path, predicted, scan, chance, step, places, radio, 0.1
     measured = np.full((5, count), np.nan)
     chosen, expected, inverse, sure, weight = reference.gate(*given_to, odds)
     gate(
-        float(spreading), step, 0.1, Amplitudes(belief, level, chance), PathRows(path, predicted), heard,
+        float(spreading), step, 0.1, Amplitudes(belief, level, chance), PathRows(path, predicted), scan,
         places, radio, Gating(np.empty((2, count, nodes)), strength, table),
         Pairs(start, index, pair, np.zeros((0, 0), np.float32)), Ratios(odds, np.zeros((0, 0, 0)), measured),
     )  # fmt: skip
@@ -63,7 +63,7 @@ def test_gated_pairs_equal_their_twin(seed, given_std, flat_array, spreading):
     np.testing.assert_allclose(odds[3], sure, rtol=1e-6)
     np.testing.assert_allclose(strength, weight, rtol=1e-5, atol=1e-250)
     np.testing.assert_array_equal(index[:found], chosen)
-    np.testing.assert_array_equal(measured[1], heard[:, 8])
+    np.testing.assert_array_equal(measured[1], scan[:, 8])
     np.testing.assert_array_equal(start, np.searchsorted(chosen[:, 0], np.arange(paths + 1)))
     np.testing.assert_allclose(pair[:found], expected, rtol=1e-5)
     np.testing.assert_allclose(table[:found, :3], expected[:, :3], rtol=1e-6)
@@ -127,7 +127,7 @@ def test_evaluation_equals_its_twin(seed, spreading, unknown):
     rows = predicted[:, 12] > 0.5  # next to its image, an agent has no direction to it
     path, predicted = path[rows], predicted[rows]
     paths, most = len(path), max(len(path) * count, 1)
-    heard, radio = random_table(draw, count, predicted[:, :3]), random_radio(draw)
+    scan, radio = random_table(draw, count, predicted[:, :3]), random_radio(draw)
     belief = draw.dirichlet(np.full(nodes, 0.3), paths).reshape(paths, nodes)
     level = np.linspace(2, 80, nodes) if spreading else np.linspace(0.4, 12, nodes)
     kept, points = 0.1, draw.normal(size=(len(mean) + 1, blocks * PATH_BLOCK)).astype(np.float32)
@@ -142,7 +142,7 @@ def test_evaluation_equals_its_twin(seed, spreading, unknown):
     chance, step = detection_table()
     given_to = (
         float(spreading), step, 5 + clocks, kept, Amplitudes(belief, level, chance),
-        PathRows(path, predicted), heard, Anchors(places, radio), Drawing(root, base, points, state),
+        PathRows(path, predicted), scan, Anchors(places, radio), Drawing(root, base, points, state),
     )  # fmt: skip
     expected = reference.evaluate(*given_to, Ratios(odds, message, measured))
     out = {

@@ -89,10 +89,10 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     links = Links(*bank[:2], *bank[3:])
     query = Query(np.array([-1, 1, head, 0, 0, 1], np.int32), np.array([1.0, 0.0, 1.0]))
     _, _, _, predicted = reference.list_paths(query, Belief(mean, covariance), places, links)
-    heard = random_table(draw, int(draw.integers(0, 8)), predicted[:, :3], draw.choice([0.01, 0.4]))
+    scan = random_table(draw, int(draw.integers(0, 8)), predicted[:, :3], draw.choice([0.01, 0.4]))
     radio = random_radio(draw, given_std)
-    claimed = np.full(len(heard), -1, np.int32)
-    into = mean, covariance, head, places, *bank[:2], heard, radio
+    claimed = np.full(len(scan), -1, np.int32)
+    into = mean, covariance, head, places, *bank[:2], scan, radio
     near(*into, claimed)
     np.testing.assert_array_equal(claimed, reference.near(*into))
 
@@ -111,13 +111,13 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unkno
     mean = np.insert(mean.astype(np.float64), 5, late)
     spread = (late[:, None] + 0.05 * draw.normal(size=(clocks, particles))).astype(np.float32)
     state, head = np.concatenate([state, spread]), 5 + clocks
-    heard = random_table(draw, count)
-    heard[:, 4] = 0.3 if with_departure else -1.0
+    scan = random_table(draw, count)
+    scan[:, 4] = 0.3 if with_departure else -1.0
     known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)[: draw.choice([0, 1, 5])]
     noise, measured = draw.normal(size=(2, SAMPLES)), np.full((5, count), 7.0)
     measured[0] = draw.choice([0.0, 1.0, 1e4], count)
     whose = np.array([[1], [0, 1]][draw.integers(2)], np.int32)
-    into = state, noise, mean, head, heard, known, whose, places, radio, 0.1 / (4 * np.pi * 8)
+    into = state, noise, mean, head, scan, known, whose, places, radio, 0.1 / (4 * np.pi * 8)
     expected, lines = reference.propose(*into, measured)
     born, told = np.full((1 + expected.size, 4), -9, np.int32), np.full((expected.size, 3), np.nan)
     names = "state", "noise", "mean", "head", "scan", "known", "whose", "places", "radio", "rate"

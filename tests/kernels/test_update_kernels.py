@@ -45,7 +45,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
     message[3] = draw.uniform(0.2, 1, (len(path), count))
     odds, measured = draw.uniform(0.05, 0.95, (12, len(path))), draw.uniform(0, 1, (5, count))
     measured[2] = 1 + draw.exponential(1.0, count)
-    heard = random_table(draw, count)
+    scan = random_table(draw, count)
     blocks = draw.uniform(0, PATH_BLOCK, (len(path) + len(chosen), 3)).astype(np.float32)
     surface, _, _, sight, single, double = random_bank(draw, surfaces, anchors)
     sums = draw.uniform(0, 1, (anchors, SUMS))
@@ -53,7 +53,7 @@ def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):
     into = {
         "mean": mean, "covariance": covariance, "head": 5 + clocks, "path": path, "start": start,
         "index": chosen, "pair": pair, "odds": odds, "rounds": rounds, "places": places,
-        "predicted": predicted, "scan": heard, "blocks": blocks, "radio": random_radio(draw),
+        "predicted": predicted, "scan": scan, "blocks": blocks, "radio": random_radio(draw),
         "turned": np.array([-0.02, 0.01]),
     }  # fmt: skip
     messages = {"message": message, "measured": measured}

@@ -17,38 +17,40 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def heard(scene):
+def measurements(scene):
     return {seed: gs.simulate(scene, "agent1", seed=seed) for seed in (1, 2)}
 
 
-def mapped(scene, heard, **more):
-    return gs.map_scene(scene, heard, particles=300, **more).map
+def mapped(scene, measurements, **more):
+    return gs.map_scene(scene, measurements, particles=300, **more).map
 
 
 @pytest.fixture(scope="module")
-def maps(scene, heard):
+def maps(scene, measurements):
     """Two runs apart from each other."""
-    return [mapped(scene, heard[seed]) for seed in (1, 2)]
+    return [mapped(scene, measurements[seed]) for seed in (1, 2)]
 
 
 @pytest.mark.slow
-def test_identity_follows_from_what_was_heard(scene, heard, maps):
+def test_identity_follows_from_what_was_heard(scene, measurements, maps):
     (one,), (other,) = (grid.provenance["runs"] for grid in maps)
-    assert mapped(scene, heard[1]).provenance["runs"] == [one]
-    assert mapped(scene, heard[1], seed=5).provenance["runs"] == [one]  # the same evidence, filtered again
-    assert mapped(scene, heard[1], method="adaptive").provenance["runs"] == [one]
+    assert mapped(scene, measurements[1]).provenance["runs"] == [one]
+    assert mapped(scene, measurements[1], seed=5).provenance["runs"] == [
+        one
+    ]  # the same evidence, filtered again
+    assert mapped(scene, measurements[1], method="adaptive").provenance["runs"] == [one]
     assert not same_run(one, other)
     slam, at = gs.GridSlam(scene.with_filter(particles=300)), []
-    for scan in heard[1]:
+    for scan in measurements[1]:
         slam.step(scan)
         at += slam.map().provenance["runs"]
     assert at[-1] == one
     assert all(same_run(early, one) and not same_run(early, other) for early in at)
 
 
-def test_identity_outlives_a_checkpoint(scene, heard, maps, tmp_path):
+def test_identity_outlives_a_checkpoint(scene, measurements, maps, tmp_path):
     slam = gs.GridSlam(scene.with_filter(particles=300))
-    for number, scan in enumerate(heard[1]):
+    for number, scan in enumerate(measurements[1]):
         if number == 3:
             slam.save(tmp_path / "half.h5")
             slam = gs.GridSlam.resume(tmp_path / "half.h5")
@@ -56,28 +58,28 @@ def test_identity_outlives_a_checkpoint(scene, heard, maps, tmp_path):
     assert slam.map().provenance["runs"] == maps[0].provenance["runs"]
 
 
-def test_evidence_never_counts_twice(scene, heard, maps):
+def test_evidence_never_counts_twice(scene, measurements, maps):
     one, other = maps
     whole = gs.fuse([one, other])
     seen = one.observed & other.observed
     np.testing.assert_allclose(whole.evidence[seen], (one.evidence + other.evidence)[seen], rtol=1e-5)
-    later = mapped(scene, heard[2], agent="agent2", prior_map=one)
+    later = mapped(scene, measurements[2], agent="agent2", prior_map=one)
     assert later.provenance["runs"] == one.provenance["runs"] + other.provenance["runs"]
     for pair in (
         [one, one],
         [one, later],
         [later, other],
         [whole, one],
-        [one, mapped(scene, heard[1], seed=3)],
+        [one, mapped(scene, measurements[1], seed=3)],
     ):
         with pytest.raises(gs.InputError, match=r"agent[12]'s run"):
             gs.fuse(pair)
 
 
-def test_map_of_an_earlier_version_can_be_handed_over(scene, heard, maps):
+def test_map_of_an_earlier_version_can_be_handed_over(scene, measurements, maps):
     kept = {key: value for key, value in maps[0].provenance.items() if key != "runs"}
     old = replace(maps[0], provenance=kept)
-    runs = mapped(scene, heard[2], agent="agent2", prior_map=old).provenance["runs"]
+    runs = mapped(scene, measurements[2], agent="agent2", prior_map=old).provenance["runs"]
     assert runs == ["", *maps[1].provenance["runs"]]
 
 
@@ -85,9 +87,9 @@ def test_map_of_an_earlier_version_can_be_handed_over(scene, heard, maps):
 def test_fuse_on_the_command_line(say, maps, tmp_path):
     for name, grid in zip(("a.h5", "b.h5"), maps, strict=True):
         grid.save(tmp_path / name)
-    said = say("fuse", "a.h5", "b.h5", "-o", "both.h5")
-    assert (said.code, said.err) == (0, "")
-    assert "wrote both.h5: map by agent1, agent1: 96 x 76 cells" in said.out
+    result = say("fuse", "a.h5", "b.h5", "-o", "both.h5")
+    assert (result.code, result.err) == (0, "")
+    assert "wrote both.h5: map by agent1, agent1: 96 x 76 cells" in result.out
     both = gs.Map.load("both.h5")
     assert sorted(both.provenance["runs"]) == sorted(run for g in maps for run in g.provenance["runs"])
     before = Path("both.h5").read_bytes()
@@ -99,10 +101,10 @@ def test_fuse_on_the_command_line(say, maps, tmp_path):
         ("a.h5", "none.h5", "-o", "c.h5"): "none.h5",
         ("a.h5", "b.h5", "-o", "c.txt"): "ends in .h5",
     }.items():
-        said = say("fuse", *words)
-        assert said.code == 2
-        assert len(said.complaints) == 1
-        assert why in said.err
+        result = say("fuse", *words)
+        assert result.code == 2
+        assert len(result.complaints) == 1
+        assert why in result.err
     assert Path("both.h5").read_bytes() == before
     assert not Path("c.h5").exists()
     assert say("fuse", "b.h5", "a.h5", "-o", "both.h5", "--overwrite").code == 0
@@ -117,15 +119,15 @@ def test_map_of_another_building_is_refused(say, scene, maps, no_figures, tmp_pa
     other = mapped(flat, gs.simulate(flat, "agent1", seed=9))
     other.save(tmp_path / "flat.h5")
     asked = "run", "flat.toml", "--agent", "agent1", "--particles", 300, "--map", "room.h5", "-o", "out"
-    said = say(*asked)
-    assert said.code == 2
-    assert "room.h5: frame: found anchors A, B, none of those of room" in said.err
-    assert "--same-frame" in said.err
-    assert len(said.complaints) == 1
+    result = say(*asked)
+    assert result.code == 2
+    assert "room.h5: frame: found anchors A, B, none of those of room" in result.err
+    assert "--same-frame" in result.err
+    assert len(result.complaints) == 1
     assert not Path("out").exists()
     assert say(*asked, "--same-frame").code == 0
     fused = "fuse", "room.h5", "flat.h5", "-o", "both.h5"
-    said = say(*fused)
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "frame of flat.h5" in said.err
+    result = say(*fused)
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "frame of flat.h5" in result.err
     assert say(*fused, "--same-frame").code == 0

@@ -61,25 +61,25 @@ def test_simulated_elevations_are_as_rough_as_the_arrays_layers_leave_them():
     paths, radio, gaps = true_paths(scene, "agent1"), scene.signal_model("agent1"), []
     clean = true_elevations(paths, scene, "agent1")
     for seed in range(12):
-        heard, cause = simulate_labelled(scene, "agent1", seed)
+        measurements, cause = simulate_labelled(scene, "agent1", seed)
         rows, own = np.flatnonzero(cause >= 0), cause[cause >= 0]
         std = radio.elevation_std(paths.amplitude[own], paths.anchor[own], np.cos(clean[own, 1]))
-        gaps.append((heard.aoa_elevation_rad[rows] - clean[own, 1]) / std[:, 1])
-        gaps.append((heard.aod_elevation_rad[rows] - clean[own, 0]) / std[:, 0])
+        gaps.append((measurements.aoa_elevation_rad[rows] - clean[own, 1]) / std[:, 1])
+        gaps.append((measurements.aod_elevation_rad[rows] - clean[own, 0]) / std[:, 0])
     assert np.concatenate(gaps).std() == pytest.approx(1.0, abs=0.02)
 
 
 def test_tables_keep_elevations_and_refuse_what_cannot_be(tmp_path):
-    heard = gs.simulate(tall(reports_std=True, steps=5), "agent1", seed=1)
-    assert set(OPTIONAL) <= set(heard.columns)
-    heard.to_csv(tmp_path / "a.csv")
-    heard.to_h5(tmp_path / "a.h5")
+    measurements = gs.simulate(tall(reports_std=True, steps=5), "agent1", seed=1)
+    assert set(OPTIONAL) <= set(measurements.columns)
+    measurements.to_csv(tmp_path / "a.csv")
+    measurements.to_h5(tmp_path / "a.h5")
     for back in (gs.Measurements.from_csv(tmp_path / "a.csv"), gs.Measurements.from_h5(tmp_path / "a.h5")):
         for name in OPTIONAL:
-            np.testing.assert_allclose(back.columns[name], heard.columns[name], rtol=1e-12)
+            np.testing.assert_allclose(back.columns[name], measurements.columns[name], rtol=1e-12)
     with pytest.raises(InputError, match=r"aoa_elevation_rad\[0\].*pi/2"):
-        replace(heard, aoa_elevation_rad=np.full(len(heard.step), 2.0))
-    scan = heard.scan(2)
+        replace(measurements, aoa_elevation_rad=np.full(len(measurements.step), 2.0))
+    scan = measurements.scan(2)
     with pytest.raises(InputError, match=r"aod_elevation_rad\[0\].*pi/2"):
         replace(scan, aod_elevation_rad=np.full(len(scan), -2.0)).checked(2)
     plain = replace(scan, **dict.fromkeys(OPTIONAL))
@@ -113,8 +113,8 @@ def test_planar_scenes_and_sampled_signals_know_no_layers():
 )
 def test_check_names_elevations_that_are_none(tmp_path, spoil, words):
     scene = tall(levels=False, steps=60)
-    heard = gs.simulate(scene, "agent1", seed=1)
-    replace(heard, aoa_elevation_rad=spoil(heard.aoa_elevation_rad)).to_csv(tmp_path / "a.csv")
+    measurements = gs.simulate(scene, "agent1", seed=1)
+    replace(measurements, aoa_elevation_rad=spoil(measurements.aoa_elevation_rad)).to_csv(tmp_path / "a.csv")
     lines = [line for line in describe(tmp_path / "a.csv", scene) if line.startswith("suspect")]
     assert len(lines) == (words is not None)
     assert all("aoa_elevation_rad" in line and words in line for line in lines)

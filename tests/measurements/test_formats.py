@@ -43,14 +43,14 @@ def measurements(draw):
 
 
 @pytest.mark.slow
-@given(heard=measurements())
+@given(table=measurements())
 @settings(max_examples=60, deadline=None)
-def test_csv_keeps_every_digit(tmp_path_factory, heard):
+def test_csv_keeps_every_digit(tmp_path_factory, table):
     path = tmp_path_factory.mktemp("csv") / "heard.csv"
-    heard.to_csv(path)
-    read = Measurements.from_csv(path, heard.anchors)
-    same(read, heard)
-    assert len(read) == len(heard)
+    table.to_csv(path)
+    read = Measurements.from_csv(path, table.anchors)
+    same(read, table)
+    assert len(read) == len(table)
 
 
 def test_csv_is_what_the_contract_says(tmp_path):
@@ -66,25 +66,25 @@ def test_csv_of_other_programs_is_read(tmp_path):
     header = "\ufeffanchor, time_s ,step,amplitude,aoa_rad,aod_rad,distance_m"
     text = "\r\n".join([header, "B,0.25,3,,,, 4.5", "", "A,1,5,3,0,0,1", ""])
     (tmp_path / "a.csv").write_bytes(text.encode())
-    heard = Measurements.from_csv(tmp_path / "a.csv", ["A", "B"])
-    assert len(heard) == 6
-    np.testing.assert_array_equal(heard.step, [3, 5])
-    np.testing.assert_array_equal(heard.anchor, [1, 0])
-    np.testing.assert_array_equal(heard.distance_m, [4.5, 1])
-    assert np.isnan(heard.amplitude[0])
+    table = Measurements.from_csv(tmp_path / "a.csv", ["A", "B"])
+    assert len(table) == 6
+    np.testing.assert_array_equal(table.step, [3, 5])
+    np.testing.assert_array_equal(table.anchor, [1, 0])
+    np.testing.assert_array_equal(table.distance_m, [4.5, 1])
+    assert np.isnan(table.amplitude[0])
 
 
 def test_ranging_alone_is_a_table_of_four_columns(tmp_path):
     (tmp_path / "a.csv").write_text("step,time_s,anchor,distance_m\n0,0,B,3.5\n2,1,A,4.5\n")
-    heard = Measurements.from_csv(tmp_path / "a.csv")
-    assert heard.anchors == ("B", "A")  # as they first appear
-    np.testing.assert_array_equal(heard.distance_m, [3.5, 4.5])
-    assert np.isnan([heard.aod_rad, heard.aoa_rad, heard.amplitude]).all()
-    heard.to_h5(tmp_path / "a.h5")
+    table = Measurements.from_csv(tmp_path / "a.csv")
+    assert table.anchors == ("B", "A")  # as they first appear
+    np.testing.assert_array_equal(table.distance_m, [3.5, 4.5])
+    assert np.isnan([table.aod_rad, table.aoa_rad, table.amplitude]).all()
+    table.to_h5(tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         for name in ("aod_rad", "aoa_rad", "amplitude"):
             del file[f"measurements/{name}"]
-    same(Measurements.from_h5(tmp_path / "a.h5"), heard)
+    same(Measurements.from_h5(tmp_path / "a.h5"), table)
 
 
 ROW = "0,0.0,A,1.0,0.5,0.5,3.0"
@@ -181,14 +181,14 @@ def full():
 
 
 @pytest.mark.slow
-@given(heard=measurements())
+@given(table=measurements())
 @settings(max_examples=25, deadline=None)
-def test_h5_keeps_every_digit(tmp_path_factory, heard):
+def test_h5_keeps_every_digit(tmp_path_factory, table):
     path = tmp_path_factory.mktemp("h5") / "heard.h5"
-    heard.to_h5(path)
+    table.to_h5(path)
     read = Measurements.from_h5(path)
-    same(read, heard)
-    assert (read.anchors, read.interval_s, len(read)) == (heard.anchors, heard.interval_s, len(heard))
+    same(read, table)
+    assert (read.anchors, read.interval_s, len(read)) == (table.anchors, table.interval_s, len(table))
     assert read.truth is read.anchor_position_m is None
 
 
@@ -323,25 +323,25 @@ def test_foreign_files_are_refused(tmp_path):
 
 def test_simulated_measurements_survive_both_files(tmp_path):
     scene = Scene.load("room")
-    heard = simulate(scene, "agent1", seed=3)
-    heard.to_h5(tmp_path / "a.h5")
-    heard.to_csv(tmp_path / "a.csv")
+    table = simulate(scene, "agent1", seed=3)
+    table.to_h5(tmp_path / "a.h5")
+    table.to_csv(tmp_path / "a.csv")
     from_h5, from_csv = (
         Measurements.from_h5(tmp_path / "a.h5"),
         Measurements.from_csv(tmp_path / "a.csv", ["A", "B"]),
     )
-    same(from_h5, heard)
-    same(from_csv, heard)
+    same(from_h5, table)
+    same(from_csv, table)
     assert from_h5.truth == scene.track("agent1")
     np.testing.assert_array_equal(from_h5.anchor_position_m, scene.anchor_positions)
     np.testing.assert_allclose(from_h5.anchor_orientation_rad, scene.anchor_orientations)
-    assert len(from_h5) == len(heard) == 150
+    assert len(from_h5) == len(table) == 150
 
 
 def test_without_steps_every_time_is_one(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("time_s,anchor,distance_m\n0.5,A,1\n0.5,B,2\n1.75,A,3\n4,B,4\n")
     with pytest.warns(Note, match="no column step: 3 steps, one for each time"):
-        heard = Measurements.load(path)
-    np.testing.assert_array_equal(heard.step, [0, 0, 1, 2])
-    np.testing.assert_array_equal(heard.time_s, [0.5, 0.5, 1.75, 4.0])
+        table = Measurements.load(path)
+    np.testing.assert_array_equal(table.step, [0, 0, 1, 2])
+    np.testing.assert_array_equal(table.time_s, [0.5, 0.5, 1.75, 4.0])

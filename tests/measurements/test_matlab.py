@@ -191,9 +191,9 @@ def test_the_tutorials_lines_lead_from_a_matlab_file_to_a_map(say, tmp_path, ver
         write_73(tmp_path / "heard.mat", tutorial_lines(), "measurements" if struct else None)
     else:
         savemat(tmp_path / "heard.mat", found, do_compression="packed" in version)
-    heard = Measurements.from_mat("heard.mat", ("A", "B"))
-    assert heard.anchor.tolist() == [0, 1, 0]
-    np.testing.assert_allclose(heard.aod_rad, [-0.49, np.nan, -0.5])
+    measurements = Measurements.from_mat("heard.mat", ("A", "B"))
+    assert measurements.anchor.tolist() == [0, 1, 0]
+    np.testing.assert_allclose(measurements.aod_rad, [-0.49, np.nan, -0.5])
     assert say("check", "heard.mat", "--scene", "room").code == 0
     done = say("run", "room", "--measurements", "heard.mat", "--particles", "64", "-o", "matlab")
     assert done.code == 0

@@ -12,19 +12,21 @@ from gridslam.world.columns import VALUES
 
 
 def test_missing_steps_are_empty_scans_with_times_between_and_beyond():
-    heard = Measurements(**table(3, step=[1, 1, 4], time_s=[10.0, 10.0, 16.0]), interval_s=0.5, steps=7)
-    assert len(heard) == 7
-    scans = list(heard)
+    measurements = Measurements(
+        **table(3, step=[1, 1, 4], time_s=[10.0, 10.0, 16.0]), interval_s=0.5, steps=7
+    )
+    assert len(measurements) == 7
+    scans = list(measurements)
     assert [len(scan) for scan in scans] == [0, 2, 0, 0, 1, 0, 0]
     assert [scan.step for scan in scans] == list(range(7))
     assert [scan.time_s for scan in scans] == [9.5, 10, 12, 14, 16, 16.5, 17]
-    np.testing.assert_array_equal(heard.scan(1).anchor, [0, 1])
-    np.testing.assert_array_equal(heard.scan(4).amplitude, [9])
-    assert heard.scan(4).distance_std_m is None
+    np.testing.assert_array_equal(measurements.scan(1).anchor, [0, 1])
+    np.testing.assert_array_equal(measurements.scan(4).amplitude, [9])
+    assert measurements.scan(4).distance_std_m is None
     with pytest.raises(IndexError):
-        heard.scan(7)
+        measurements.scan(7)
     with pytest.raises(IndexError):
-        heard.scan(-1)
+        measurements.scan(-1)
 
 
 def test_interval_is_the_median_of_what_was_heard():
@@ -33,17 +35,17 @@ def test_interval_is_the_median_of_what_was_heard():
 
 
 def test_silence_has_steps_and_times():
-    heard = Measurements(**table(0), interval_s=0.1, steps=3)
-    assert [scan.time_s for scan in heard] == [0.0, 0.1, 0.2]
-    assert sum(len(scan) for scan in heard) == 0
+    measurements = Measurements(**table(0), interval_s=0.1, steps=3)
+    assert [scan.time_s for scan in measurements] == [0.0, 0.1, 0.2]
+    assert sum(len(scan) for scan in measurements) == 0
     assert len(Measurements(**table(0))) == 0
 
 
 def test_angles_are_wrapped_and_columns_read_only():
-    heard = Measurements(**table(2, aod_rad=[4.0, -np.pi]))
-    np.testing.assert_allclose(heard.aod_rad, [4 - 2 * np.pi, np.pi])
+    measurements = Measurements(**table(2, aod_rad=[4.0, -np.pi]))
+    np.testing.assert_allclose(measurements.aod_rad, [4 - 2 * np.pi, np.pi])
     with pytest.raises(ValueError, match="read-only"):
-        heard.distance_m[0] = 3
+        measurements.distance_m[0] = 3
 
 
 @pytest.mark.parametrize(
@@ -112,12 +114,12 @@ def test_ragged_lists_and_padded_arrays_agree():
 
 
 def test_one_path_per_step_and_silent_last_steps():
-    heard = Measurements.from_arrays(
+    measurements = Measurements.from_arrays(
         {"A": [3.0, np.nan, 3.2, np.nan]}, distance_std_m={"A": [0.1, 0.1, 0.1, 0.1]}
     )
-    assert len(heard) == 4
-    assert [len(scan) for scan in heard] == [1, 0, 1, 0]
-    np.testing.assert_array_equal(heard.distance_std_m, [0.1, 0.1])
+    assert len(measurements) == 4
+    assert [len(scan) for scan in measurements] == [1, 0, 1, 0]
+    np.testing.assert_array_equal(measurements.distance_std_m, [0.1, 0.1])
 
 
 @pytest.mark.parametrize(

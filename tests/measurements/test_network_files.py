@@ -22,19 +22,22 @@ def network(**changes):
         anchor=[-1, 1, 0, -1],
         distance_m=[-7.5, 3.0, 2.0, 1.0],
     )
-    heard = Measurements(**rows, unlabelled=True, pseudo=True, steps=5, interval_s=0.5)
-    return NetworkMeasurements(("me", "you"), heard, np.array([0, 1, 0, 1]), **changes)
+    measurements = Measurements(**rows, unlabelled=True, pseudo=True, steps=5, interval_s=0.5)
+    return NetworkMeasurements(("me", "you"), measurements, np.array([0, 1, 0, 1]), **changes)
 
 
 def test_a_step_hands_every_agent_its_own_rows():
-    heard = network()
-    scan = heard.scan(0)
+    measurements = network()
+    scan = measurements.scan(0)
     np.testing.assert_array_equal(scan.scans[0].distance_m, [-7.5])
     np.testing.assert_array_equal(scan.scans[1].anchor, [1])
-    assert [len(one) for one in heard.scan(2).scans] == [1, 0]  # who is silent between two rows is there
-    assert heard.scan(3).scans[0] is None  # and whose last row is past has left
-    np.testing.assert_array_equal(heard["you"].step, [0, 3])
-    assert heard["me"].steps == 3
+    assert [len(one) for one in measurements.scan(2).scans] == [
+        1,
+        0,
+    ]  # who is silent between two rows is there
+    assert measurements.scan(3).scans[0] is None  # and whose last row is past has left
+    np.testing.assert_array_equal(measurements["you"].step, [0, 3])
+    assert measurements["me"].steps == 3
 
 
 def test_presence_outlasts_silence():
@@ -49,15 +52,15 @@ def test_presence_outlasts_silence():
 def test_files_keep_everything(tmp_path, kind):
     track = Trajectory([0.0, 0.5], [[1, 2], [3, 4]], [[0, 1], [1, 0]], [0.1, 0.2])
     clocks = ClockTruth(("A", "B", "me", "you"), [0.0, 0.5], np.arange(8).reshape(2, 4) * 1e-9)
-    heard = network(present=[[0, 4], [0, 3]], tracks={"you": track}, clocks=clocks)
+    measurements = network(present=[[0, 4], [0, 3]], tracks={"you": track}, clocks=clocks)
     path = tmp_path / f"heard.{kind}"
-    (heard.to_csv if kind == "csv" else heard.to_h5)(path)
+    (measurements.to_csv if kind == "csv" else measurements.to_h5)(path)
     read = NetworkMeasurements.load(path, ANCHORS, ["me", "you", "nobody"], pseudo=True)
     assert read.agents == ("me", "you")
-    np.testing.assert_array_equal(read.agent, heard.agent)
-    same(read.table, heard.table)
+    np.testing.assert_array_equal(read.agent, measurements.agent)
+    same(read.table, measurements.table)
     if kind == "h5":
-        np.testing.assert_array_equal(read.present, heard.present)
+        np.testing.assert_array_equal(read.present, measurements.present)
         assert read.tracks == {"you": track}
         np.testing.assert_array_equal(read.clocks.metres(("you",)), clocks.metres(("you",)))
         assert len(read) == 5
@@ -66,17 +69,17 @@ def test_files_keep_everything(tmp_path, kind):
 def test_anchor_may_be_left_out_and_agent_where_there_is_one(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("step,time_s,distance_m\n0,0,1.5\n1,1,2.5\n")
-    heard = NetworkMeasurements.from_csv(path, ANCHORS, ["me"])
-    assert heard.agents == ("me",)
-    np.testing.assert_array_equal(heard.table.anchor, [-1, -1])
+    measurements = NetworkMeasurements.from_csv(path, ANCHORS, ["me"])
+    assert measurements.agents == ("me",)
+    np.testing.assert_array_equal(measurements.table.anchor, [-1, -1])
     with pytest.raises(InputError, match=r"a.csv: line 1: found no column 'agent'"):
         NetworkMeasurements.from_csv(path, ANCHORS, ["me", "you"])
 
 
 def test_a_table_of_one_agent_reads_as_a_network_and_back(tmp_path):
     Measurements(**table()).to_h5(tmp_path / "one.h5")
-    heard = NetworkMeasurements.from_h5(tmp_path / "one.h5")
-    same(heard[heard.agents[0]], Measurements(**table()))
+    measurements = NetworkMeasurements.from_h5(tmp_path / "one.h5")
+    same(measurements[measurements.agents[0]], Measurements(**table()))
     network().of(["you"]).to_h5(tmp_path / "you.h5")
     np.testing.assert_array_equal(Measurements.from_h5(tmp_path / "you.h5").distance_m, [3.0, 1.0])
 
@@ -100,19 +103,19 @@ def test_fault_of_a_table_is_one_line(tmp_path, text, says):
 
 
 def test_agents_that_repeat_or_heard_nothing_are_named():
-    heard = network()
+    measurements = network()
     with pytest.raises(InputError, match="'me' twice"):
-        NetworkMeasurements(("me", "me"), heard.table, heard.agent)
+        NetworkMeasurements(("me", "me"), measurements.table, measurements.agent)
     with pytest.raises(InputError, match="'he', who heard nothing at all"):
-        NetworkMeasurements(("me", "you", "he"), heard.table, heard.agent)
+        NetworkMeasurements(("me", "you", "he"), measurements.table, measurements.agent)
     with pytest.raises(InputError, match="'he'; allowed: me, you"):
-        heard.of(["he"])
+        measurements.of(["he"])
 
 
 def test_one_agents_reader_refuses_several(tmp_path):
-    heard = network()
-    heard.to_csv(tmp_path / "a.csv")
-    heard.to_h5(tmp_path / "a.h5")
+    measurements = network()
+    measurements.to_csv(tmp_path / "a.csv")
+    measurements.to_h5(tmp_path / "a.h5")
     with pytest.raises(InputError, match="anchor"):
         Measurements.from_csv(tmp_path / "a.csv", ANCHORS, pseudo=True)
     (tmp_path / "b.csv").write_text(f"{HEADER}\n0,0,me,A,1\n0,0,you,A,2\n")
@@ -124,9 +127,9 @@ def test_one_agents_reader_refuses_several(tmp_path):
 
 def mat(path, **changes):
     """The network's rows as MATLAB holds a table; anchors counted from 1, 0 where not known."""
-    heard = network()
-    rows = {key: values[:, None] for key, values in heard.table.columns.items()}
-    rows |= {"anchor": heard.table.anchor[:, None] + 1.0, "agent": heard.agent[:, None] + 1.0}
+    measurements = network()
+    rows = {key: values[:, None] for key, values in measurements.table.columns.items()}
+    rows |= {"anchor": measurements.table.anchor[:, None] + 1.0, "agent": measurements.agent[:, None] + 1.0}
     whole = {key: value for key, value in (rows | changes).items() if value is not None}
     savemat(path, {"measurements": whole})
     return path
@@ -146,11 +149,11 @@ def names(*words):
     ids=["numbers", "names", "own list"],
 )
 def test_matlab_files_of_several_agents_read_as_csv(tmp_path, changes):
-    heard = network()
+    measurements = network()
     read = NetworkMeasurements.load(mat(tmp_path / "a.mat", **changes), ANCHORS, ["me", "you"], pseudo=True)
     assert read.agents == ("me", "you")
-    np.testing.assert_array_equal(read.agent, heard.agent)
-    same(read.table, heard.table)
+    np.testing.assert_array_equal(read.agent, measurements.agent)
+    same(read.table, measurements.table)
 
 
 @pytest.mark.parametrize(

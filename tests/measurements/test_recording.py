@@ -15,16 +15,18 @@ FULL = {"radio": {"array": PAIR, "pulse": {"width_hz": 3e8, "rolloff": 0.3}}, "h
 
 
 def test_hdf5_keeps_all_of_it(tmp_path):
-    heard = gs.simulate(sampled_scene(**FULL), "me", 4, what="signal")
-    heard.to_h5(tmp_path / "a.h5")
+    recording = gs.simulate(sampled_scene(**FULL), "me", 4, what="signal")
+    recording.to_h5(tmp_path / "a.h5")
     read = gs.Recording.from_h5(tmp_path / "a.h5")
     for name in ("samples", "time_s", "heard", "heading_rad", "anchor_position_m", "anchor_orientation_rad"):
-        assert np.array_equal(getattr(read, name), getattr(heard, name)), name
-    assert (read.anchors, read.truth) == (heard.anchors, heard.truth)
+        assert np.array_equal(getattr(read, name), getattr(recording, name)), name
+    assert (read.anchors, read.truth) == (recording.anchors, recording.truth)
     for name in ("offset_hz", "pulse", "anchor_element_m", "agent_element_m"):
-        assert getattr(read.waveform, name) == pytest.approx(getattr(heard.waveform, name), rel=1e-12), name
-    assert read.waveform.carrier_hz == heard.waveform.carrier_hz
-    assert read.waveform.heading_std_rad == heard.waveform.heading_std_rad
+        assert getattr(read.waveform, name) == pytest.approx(getattr(recording.waveform, name), rel=1e-12), (
+            name
+        )
+    assert read.waveform.carrier_hz == recording.waveform.carrier_hz
+    assert read.waveform.heading_std_rad == recording.waveform.heading_std_rad
     with h5py.File(tmp_path / "a.h5") as file:
         assert dict(file.attrs) == {"format": "gridslam-signal", "version": 1}
         assert file["signal/samples"].shape == (3, 1, 2, 2, 41, 2)
@@ -39,8 +41,8 @@ def test_hdf5_keeps_all_of_it(tmp_path):
 def test_steps_are_handed_out_in_double_precision_with_what_is_missing_left_out():
     z = samples_of([5.0], 3).repeat(2, axis=1)
     z[1, 0] = np.nan
-    heard = np.array([[1, 1], [0, 1], [1, 1]], bool)
-    scans = list(recording(z, anchors=["A", "B"], heard=heard, time_s=[0.0, 0.5, 2.0]))
+    received = np.array([[1, 1], [0, 1], [1, 1]], bool)
+    scans = list(recording(z, anchors=["A", "B"], heard=received, time_s=[0.0, 0.5, 2.0]))
     assert [scan.time_s for scan in scans] == [0.0, 0.5, 2.0]
     assert [len(scan) for scan in scans] == [2, 1, 2]
     assert scans[1].samples.shape == (2, 1, 1, 41)
@@ -50,10 +52,10 @@ def test_steps_are_handed_out_in_double_precision_with_what_is_missing_left_out(
 
 
 def test_one_antenna_needs_no_elements_and_the_carrier_takes_up_what_frequencies_are_off():
-    heard = recording(frequency_hz=FREQUENCIES + 2e8)
-    assert heard.waveform.carrier_hz == pytest.approx(6.2e9)
-    assert heard.waveform.offset_hz == pytest.approx(FREQUENCIES)
-    assert heard.waveform.agent_element_m.tolist() == [[0.0, 0.0]]
+    one = recording(frequency_hz=FREQUENCIES + 2e8)
+    assert one.waveform.carrier_hz == pytest.approx(6.2e9)
+    assert one.waveform.offset_hz == pytest.approx(FREQUENCIES)
+    assert one.waveform.agent_element_m.tolist() == [[0.0, 0.0]]
 
 
 FAULTS = {
@@ -221,15 +223,15 @@ def test_matlab_files_of_every_version_hold_the_same(tmp_path, write, group):
 
 
 def test_matlab_arrays_keep_their_axes_and_anchors_may_be_numbered(tmp_path):
-    heard = gs.simulate(sampled_scene(**FULL), "me", 4, what="signal")
-    form = heard.waveform
+    recording = gs.simulate(sampled_scene(**FULL), "me", 4, what="signal")
+    form = recording.waveform
     elements = {"anchor_element_m": form.anchor_element_m, "agent_element_m": form.agent_element_m}
-    content = variables(samples=heard.samples, pulse=form.pulse, **elements)
+    content = variables(samples=recording.samples, pulse=form.pulse, **elements)
     del content["anchors"]
     write_5(tmp_path / "z.mat", content, None)
     read = gs.Recording.from_matlab(tmp_path / "z.mat")
     assert read.anchors == ("1",)
-    assert np.array_equal(read.samples, heard.samples)
+    assert np.array_equal(read.samples, recording.samples)
     assert read.waveform.agent_element_m == pytest.approx(form.agent_element_m)
 
 

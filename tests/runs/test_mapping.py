@@ -23,13 +23,13 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def heard(scene):
+def measurements(scene):
     return gs.simulate(scene, "agent1", 1)
 
 
 @pytest.fixture(scope="module")
-def run(scene, heard):
-    return gs.map_scene(scene, heard, seed=1, particles=300)
+def run(scene, measurements):
+    return gs.map_scene(scene, measurements, seed=1, particles=300)
 
 
 def shown(truth, run, terminal=True):
@@ -40,63 +40,67 @@ def shown(truth, run, terminal=True):
     return console.file.getvalue()
 
 
-def test_bar_shows_steps_rate_error_and_surfaces(heard, run):
-    text = shown(heard.truth, run)
+def test_bar_shows_steps_rate_error_and_surfaces(measurements, run):
+    text = shown(measurements.truth, run)
     assert f"{STEPS}/{STEPS}" in text
     assert "steps/s" in text
     assert f"{run.estimates[-1].detected.sum()} surfaces" in text
-    rmse = np.sqrt(((run.trajectory.position_m - heard.truth.position_m) ** 2).sum(1).mean())
+    rmse = np.sqrt(((run.trajectory.position_m - measurements.truth.position_m) ** 2).sum(1).mean())
     assert f"error {100 * rmse:.1f} cm" in text
 
 
-def test_bar_knows_no_error_without_truth_and_shows_nothing_in_a_file(heard, run):
+def test_bar_knows_no_error_without_truth_and_shows_nothing_in_a_file(measurements, run):
     assert "error" not in shown(None, run)
-    assert shown(heard.truth, run, terminal=False) == ""
+    assert shown(measurements.truth, run, terminal=False) == ""
 
 
-def test_progress_is_a_bar_on_terminals_alone_or_whatever_is_called(scene, heard, run, capsys):
+def test_progress_is_a_bar_on_terminals_alone_or_whatever_is_called(scene, measurements, run, capsys):
     told = []
     again = gs.map_scene(
-        scene, heard, seed=1, particles=300, progress=lambda *state: told.append((state[0].step, *state[1:]))
+        scene,
+        measurements,
+        seed=1,
+        particles=300,
+        progress=lambda *state: told.append((state[0].step, *state[1:])),
     )
     assert told == [(step, step + 1, STEPS) for step in range(STEPS)]
-    quiet = gs.map_scene(scene, heard, seed=1, particles=300, progress=True)
+    quiet = gs.map_scene(scene, measurements, seed=1, particles=300, progress=True)
     assert capsys.readouterr() == ("", "")
     for other in (again, quiet):
         np.testing.assert_array_equal(other.trajectory.position_m, run.trajectory.position_m)
 
 
-def test_particles_replace_those_of_the_scene(scene, heard, run):
+def test_particles_replace_those_of_the_scene(scene, measurements, run):
     assert run.scene.filter.particles == 300
     assert scene.filter.particles != 300
     with pytest.raises(gs.InputError, match="particles"):
-        gs.map_scene(scene, heard, particles=0)
+        gs.map_scene(scene, measurements, particles=0)
 
 
-def test_what_is_no_scene_or_truth_is_refused(heard, run):
+def test_what_is_no_scene_or_truth_is_refused(measurements, run):
     with pytest.raises(gs.InputError, match=r"scene: found str; allowed: a Scene"):
-        gs.map_scene("room", heard)
+        gs.map_scene("room", measurements)
     for use in (run.plot, run.score):
         with pytest.raises(gs.InputError, match=r"truth: found str; allowed: a Truth"):
             use("hall")
 
 
-def test_unknown_method_names_the_known_ones(scene, heard):
+def test_unknown_method_names_the_known_ones(scene, measurements):
     with pytest.raises(gs.InputError, match=r"'magic'; allowed: .*grid"):
-        gs.map_scene(scene, heard, method="magic")
+        gs.map_scene(scene, measurements, method="magic")
 
 
-def test_measurements_of_one_agent_and_of_several_each_have_their_door(heard):
+def test_measurements_of_one_agent_and_of_several_each_have_their_door(measurements):
     scene = gs.Scene.load("exchange")
     with pytest.raises(gs.InputError, match=r"map_scene"):
-        gs.map_network(scene, heard)
+        gs.map_network(scene, measurements)
     several = gs.simulate(shortened(scene, 2, agents=2), ["agent1", "agent2"])
     with pytest.raises(gs.InputError, match=r"map_network"):
         gs.map_scene(scene, several)
 
 
-def test_method_without_cells_has_no_map_scores(scene, heard):
-    run = gs.map_scene(scene, heard, method="adaptive", particles=300)
+def test_method_without_cells_has_no_map_scores(scene, measurements):
+    run = gs.map_scene(scene, measurements, method="adaptive", particles=300)
     score = run.score(gs.ground_truth(scene, "agent1"))
     assert score["surfaces_true"] == 4
     assert set(score["map"].values()) == {None}
@@ -147,10 +151,10 @@ def test_frame_that_has_a_name_is_known_by_it(scene, run):
         fitted(found, other("first floor"))
     with pytest.raises(gs.InputError, match="none of those of"):
         fitted(run.map, second)
-    heard = gs.Measurements.from_arrays({a: [[3.0]] for a in second.anchor_names})
+    measurements = gs.Measurements.from_arrays({a: [[3.0]] for a in second.anchor_names})
     with pytest.raises(gs.InputError, match="frame"):
-        gs.map_scene(second, heard, prior_map=run.map)
-    done = gs.map_scene(second, heard, prior_map=run.map, same_frame=True)
+        gs.map_scene(second, measurements, prior_map=run.map)
+    done = gs.map_scene(second, measurements, prior_map=run.map, same_frame=True)
     assert done.map.provenance["agents"] == ["agent1", "agent1"]
     assert gs.GridSlam(second, prior_map=run.map, same_frame=True).provenance["agents"] == ["agent1"]
     assert gs.Scene.from_toml(second.to_toml(), "again").frame == "second floor"
@@ -175,27 +179,30 @@ def test_map_tells_whose_truth_it_holds(scene, run):
     assert inherited_truth(scene, gs.Map.blank((0, 0), 0.1, (4, 4), 0.01)) == []
 
 
-def test_recorded_track_is_interpolated_to_the_steps(heard):
+def test_recorded_track_is_interpolated_to_the_steps(measurements):
     def way(time):  # straight, and turning through pi
         place, speed = np.outer(time, [0.3, -0.2]), np.tile([0.3, -0.2], (len(time), 1))
         return Trajectory(time, place, speed, 3.0 + 0.1 * time)
 
-    found = with_truth(heard, way(np.linspace(-0.3, STEPS - 0.7, 8)), "x.tum").truth
+    found = with_truth(measurements, way(np.linspace(-0.3, STEPS - 0.7, 8)), "x.tum").truth
     expected = way(np.arange(STEPS, dtype=float))
     for name in ("time_s", "position_m", "velocity_mps", "heading_rad"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=1e-12)
     with pytest.raises(gs.InputError, match=r"x.tum.*-0.3 to 2.5 s.*0 to 3 s"):
-        with_truth(heard, way(np.linspace(-0.3, 2.5, 8)), "x.tum")
+        with_truth(measurements, way(np.linspace(-0.3, 2.5, 8)), "x.tum")
 
 
-def test_bound_is_of_the_scenes_own_way_alone(scene, heard):
-    own = truth_of(scene, "agent1", heard.truth)
+def test_bound_is_of_the_scenes_own_way_alone(scene, measurements):
+    own = truth_of(scene, "agent1", measurements.truth)
     assert known_bound(scene, "agent1", own).position_m.shape == (STEPS,)
     elsewhere = Trajectory(
-        heard.truth.time_s, heard.truth.position_m + 0.1, heard.truth.velocity_mps, heard.truth.heading_rad
+        measurements.truth.time_s,
+        measurements.truth.position_m + 0.1,
+        measurements.truth.velocity_mps,
+        measurements.truth.heading_rad,
     )
     assert known_bound(scene, "agent1", truth_of(scene, "agent1", elsewhere)) is None
-    assert known_bound(scene, "agent1", heard.truth) is None
+    assert known_bound(scene, "agent1", measurements.truth) is None
     assert known_bound(scene, "agent1", None) is None
 
 

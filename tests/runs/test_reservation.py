@@ -60,10 +60,10 @@ def test_of_two_runs_at_once_the_second_is_refused_and_the_first_is_whole(tmp_pa
         runs.append(run)
         while run.stdout.readline() not in ("drawing\n", ""):
             pass
-    said = [run.communicate()[1] for run in runs]
-    assert [run.returncode for run in runs] == [0, 2], said
+    errors = [run.communicate()[1] for run in runs]
+    assert [run.returncode for run in runs] == [0, 2], errors
     assert json.loads((tmp_path / "out/run.json").read_text())["seed"] == 5
-    assert len(said[1].strip().splitlines()) == 1
+    assert len(errors[1].strip().splitlines()) == 1
     assert sorted(os.listdir(tmp_path)) == ["out", "tiny.toml"]
 
 
@@ -72,9 +72,9 @@ def test_folder_in_use_is_refused_before_any_work(tiny, monkeypatch, option):
     monkeypatch.setattr(GridSlam, "step", None)  # it would be a TypeError, not one line
     with reserve("out"):
         before = here()
-        said = tiny(*RUN, *option)
-        assert (said.code, len(said.complaints)) == (2, 1)
-        assert f"out: found a run at work on it (process {os.getpid()})" in said.err
+        result = tiny(*RUN, *option)
+        assert (result.code, len(result.complaints)) == (2, 1)
+        assert f"out: found a run at work on it (process {os.getpid()})" in result.err
         assert here() == before
     assert here() == ["tiny.toml"]
 
@@ -91,10 +91,10 @@ def test_what_appears_meanwhile_stays_and_so_does_the_run(tiny, monkeypatch, kin
             Path("out/thesis.tex").write_text("x")
 
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", meanwhile)
-    said = tiny(*RUN, *option)
+    result = tiny(*RUN, *option)
     kept = f"out.{os.getpid()}.part"
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert str(Path(kept).resolve()) in said.err
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert str(Path(kept).resolve()) in result.err
     assert (Path("out") if kind == "file" else Path("out/thesis.tex")).read_text() == "x"
     assert here() == ["out", kept, "tiny.toml"]
     assert list(read_run(kept).agents) == ["agent1", "agent2"]
@@ -123,10 +123,10 @@ def test_killed_run_blocks_nobody_and_is_told(tiny, no_figures):
     killed = subprocess.Popen([sys.executable, "-c", code])
     assert killed.wait() == -signal.SIGKILL
     assert here() == [f".out.{killed.pid}.part", ".out.run-lock", "tiny.toml"]
-    said = tiny(*RUN)
-    assert said.code == 0
-    assert len(said.complaints) == 1
-    assert f"note: process {killed.pid}, which is gone" in said.err
+    result = tiny(*RUN)
+    assert result.code == 0
+    assert len(result.complaints) == 1
+    assert f"note: process {killed.pid}, which is gone" in result.err
     assert here() == ["out", "tiny.toml"]
 
 
@@ -163,8 +163,8 @@ def test_what_bears_no_sign_of_ours_is_never_swept(tmp_path, monkeypatch, dead):
         Path(folder).mkdir()
         Path(folder, "only-copy.txt").write_text("x")
     sign(far, dead)
-    said = (far / MARK).read_text().splitlines()
-    (far / MARK).write_text("\n".join([said[0], "elsewhere", *said[2:], ""]))
+    marked = (far / MARK).read_text().splitlines()
+    (far / MARK).write_text("\n".join([marked[0], "elsewhere", *marked[2:], ""]))
     far.rename(f".far.{dead}.part")
     number = os.getpid()  # a process of another container had our number
     for own in (Path(f".out.{number}.part"), Path(f".out.{number}-2.old.part")):

@@ -213,11 +213,11 @@ def test_folder_or_score_that_fails_costs_no_other_agent(tmp_path, scene, monkey
         return score(run, *words)
 
     agents = ("agent1", "agent2")
-    runs, heard = [some_run(scene, a) for a in agents], [some_measurements(scene, a) for a in agents]
+    runs, measurements = [some_run(scene, a) for a in agents], [some_measurements(scene, a) for a in agents]
     monkeypatch.setattr(Path, "mkdir", full)
     monkeypatch.setattr(Run, "score", scored)
     with pytest.raises(Unwritten) as caught:
-        write_run(tmp_path / "out", scene, runs, heard, [None, None], {})
+        write_run(tmp_path / "out", scene, runs, measurements, [None, None], {})
     faults = [(Path(fault.where).name, fault.found) for fault in caught.value.faults]
     assert faults == [("run.json", "ValueError: no such bound"), ("agent2", "No space left on device")]
     steps = {

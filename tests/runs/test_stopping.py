@@ -44,9 +44,9 @@ def stop_at(monkeypatch, number, step=1):
 
 def test_sigterm_is_ctrl_c_with_an_exit_code_of_its_own(tiny, no_figures, ctrl_c, monkeypatch):
     stop_at(monkeypatch, signal.SIGTERM)
-    said = tiny(*RUN)
-    assert said.code == 143
-    assert said.complaints == ["terminated after 2 of 3 steps of agent1: out holds what was done"]
+    result = tiny(*RUN)
+    assert result.code == 143
+    assert result.complaints == ["terminated after 2 of 3 steps of agent1: out holds what was done"]
     assert json.loads(Path("out/run.json").read_text())["agents"]["agent1"]["steps"] == 2
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
@@ -56,8 +56,8 @@ def test_sigterm_while_nothing_is_done_leaves_nothing(tiny, monkeypatch):
         signal.raise_signal(signal.SIGTERM)
 
     monkeypatch.setattr("gridslam.runs.map_scene.map_scene", stop)
-    said = tiny(*RUN)
-    assert (said.code, said.complaints) == (143, ["terminated"])
+    result = tiny(*RUN)
+    assert (result.code, result.complaints) == (143, ["terminated"])
     assert here() == ["tiny.toml"]
 
 
@@ -125,9 +125,9 @@ def test_ctrl_c_while_the_folder_gets_its_name_costs_nothing(tiny, ctrl_c, monke
     monkeypatch.setattr(Path, "rename", renamed)
     monkeypatch.setattr(reservation, "check_output", checked)
     monkeypatch.setattr(shutil, "rmtree", removed)
-    said = tiny(*RUN, "--seed", 2, *option)
+    result = tiny(*RUN, "--seed", 2, *option)
     Path("x").unlink(missing_ok=True)
-    assert said.code == (0 if moment == "second rename" and not option else 130)
+    assert result.code == (0 if moment == "second rename" and not option else 130)
     assert here() == ["out", "tiny.toml"]
     assert read_run("out").summary["seed"] == 2
     assert list(read_run("out").agents) == ["agent1", "agent2"]
@@ -170,13 +170,13 @@ def test_file_that_cannot_be_written_costs_no_other_and_is_one_line(tiny, no_fig
         raise ValueError("no\nsuch text")
 
     monkeypatch.setattr("gridslam.runs.run_files.write_steps", fail)
-    said = tiny(*RUN)
-    assert said.code == 2
-    assert [line.split(": found")[0].rpartition("/out/")[2] for line in said.complaints] == [
+    result = tiny(*RUN)
+    assert result.code == 2
+    assert [line.split(": found")[0].rpartition("/out/")[2] for line in result.complaints] == [
         "agent1/steps.h5",
         "agent2/steps.h5",
     ]
-    assert "surfaces" in said.out  # the table
+    assert "surfaces" in result.out  # the table
     assert gs.Map.load("out/map.h5").observed.any()
     assert set(os.listdir("out/agent2")) == {"measurements.h5", "trajectory.tum", "truth.tum", "map.h5"}
     assert here() == ["out", "tiny.toml"]
@@ -199,9 +199,9 @@ def test_no_command_replaces_a_file_unasked(tiny, no_figures):
         ("bench", "--json", "a.csv"),
     )
     for words in commands:
-        said = tiny(*words)
-        assert (said.code, len(said.complaints)) == (2, 1), words
-        assert "something of this name" in said.err
+        result = tiny(*words)
+        assert (result.code, len(result.complaints)) == (2, 1), words
+        assert "something of this name" in result.err
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
     for words in commands[:3]:
         assert tiny(*words, "--overwrite").code == 0

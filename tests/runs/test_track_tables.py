@@ -22,8 +22,8 @@ def rows_of(path):
 @pytest.mark.slow
 def test_export_of_a_folder_writes_tracks_beside_the_map(say, tmp_path):
     write(tmp_path / "out", hall())
-    said = say("export", "out", "-o", "robot")
-    assert (said.code, said.err) == (0, "")
+    result = say("export", "out", "-o", "robot")
+    assert (result.code, result.err) == (0, "")
     assert (tmp_path / "robot/map.yaml").exists()
     rows, found = rows_of(tmp_path / "robot/agent1-track.csv"), read_run("out").agents["agent1"]
     assert tuple(rows[0]) == (*COLUMNS, *TRUE[:3])
@@ -36,12 +36,12 @@ def test_export_of_a_folder_writes_tracks_beside_the_map(say, tmp_path):
 
 def test_heights_go_through_all_files(say, tmp_path):
     scene = raised(hall(), [2.5] * len(hall().anchors))
-    heard = some_measurements(scene, "agent1")
+    measurements = some_measurements(scene, "agent1")
     told = scene.agent("agent1").height_m
-    assert set(heard.truth.height_m.tolist()) == {told}
-    heard.to_h5(tmp_path / "heard.h5")
-    assert gs.Measurements.from_h5(tmp_path / "heard.h5").truth == heard.truth
-    heard.truth.to_tum(tmp_path / "truth.tum")
+    assert set(measurements.truth.height_m.tolist()) == {told}
+    measurements.to_h5(tmp_path / "heard.h5")
+    assert gs.Measurements.from_h5(tmp_path / "heard.h5").truth == measurements.truth
+    measurements.truth.to_tum(tmp_path / "truth.tum")
     assert say("check", "truth.tum").out.strip().endswith(f"{told:.2f} m high")
 
 

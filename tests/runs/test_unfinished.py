@@ -72,10 +72,10 @@ def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(
     tiny, whole, monkeypatch, method, agent, step, start
 ):
     options = ("--method", method, "--start", start)
-    said = interrupted(tiny, monkeypatch, *options, "--checkpoint", "2", agent=agent, step=step)
+    result = interrupted(tiny, monkeypatch, *options, "--checkpoint", "2", agent=agent, step=step)
     total = {"agent1": 3, "agent2": 2}[agent]
     line = f"interrupted after {step + 1} of {total} steps of {agent}; to go on: gridslam run --resume out"
-    assert said.complaints == [line]
+    assert result.complaints == [line]
     assert here() == [f".out.{os.getpid()}.part", "tiny.toml"]
     assert tiny("run", "--resume", "out").code == 0
     assert here() == ["out", "tiny.toml"]
@@ -109,9 +109,9 @@ def test_run_may_be_interrupted_again_and_again(tiny, whole, monkeypatch, number
     for agent, step in (("agent1", 1), ("agent2", 0)):
         with monkeypatch.context() as patch:
             stop_at(patch, agent, step, number)
-            said = tiny("run", "--resume", "out")
-        assert (said.code, len(said.complaints)) == (code, 1)
-        assert said.err.startswith(f"{word} after {step + 1} of ")
+            result = tiny("run", "--resume", "out")
+        assert (result.code, len(result.complaints)) == (code, 1)
+        assert result.err.startswith(f"{word} after {step + 1} of ")
     assert tiny("run", "--resume", "out").code == 0
     same_runs(whole(), "out")
 
@@ -123,9 +123,9 @@ def test_run_that_was_through_but_for_its_scores_is_scored(tiny, whole, monkeypa
 
     with monkeypatch.context() as patch:
         patch.setattr("gridslam.cli.run._scores", stop)
-        said = tiny(*RUN, "-o", "out", "--checkpoint", "1")
-    assert (said.code, len(said.complaints)) == (130, 1)
-    assert "after 2 of 2 steps of agent2" in said.err
+        result = tiny(*RUN, "-o", "out", "--checkpoint", "1")
+    assert (result.code, len(result.complaints)) == (130, 1)
+    assert "after 2 of 2 steps of agent2" in result.err
     monkeypatch.setattr(GridSlam, "step", None)  # nothing is left to do
     assert tiny("run", "--resume", "out").code == 0
     same_runs(whole(), "out")
@@ -159,9 +159,9 @@ def test_disk_that_is_full_costs_the_steps_since_the_checkpoint_alone(tiny, whol
     save = GridSlam.save
     with monkeypatch.context() as patch:
         patch.setattr(GridSlam, "save", full)
-        said = tiny(*RUN, "-o", "out", "--checkpoint", "1")
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "No space left" in said.err
+        result = tiny(*RUN, "-o", "out", "--checkpoint", "1")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "No space left" in result.err
     assert tiny("run", "--resume", "out").code == 0
     same_runs(whole(), "out")
 
@@ -173,9 +173,9 @@ def test_files_that_cannot_be_written_at_the_end_are_written_by_resume(tiny, who
 
     with monkeypatch.context() as patch:
         patch.setattr("gridslam.runs.run_files.write_steps", fail)
-        said = tiny(*RUN, "-o", "out", "--checkpoint", "1")
-    assert (said.code, len(said.complaints)) == (2, 3)
-    assert said.complaints[-1].endswith("gridslam run --resume out")
+        result = tiny(*RUN, "-o", "out", "--checkpoint", "1")
+    assert (result.code, len(result.complaints)) == (2, 3)
+    assert result.complaints[-1].endswith("gridslam run --resume out")
     assert here() == [f".out.{os.getpid()}.part", "tiny.toml"]
     assert tiny("run", "--resume", "out").code == 0
     same_runs(whole(), "out")
@@ -196,8 +196,8 @@ def test_unfinished_run_that_was_to_replace_another_is_told_and_resumed(tiny, wh
 def test_run_without_a_folder_of_its_own_keeps_off_an_unfinished_one(tiny, monkeypatch):
     with monkeypatch.context() as patch:
         stop_at(patch, "agent1", 1)
-        said = tiny(*RUN, "--checkpoint", "1")
-    assert said.complaints[-1].endswith(f"gridslam run --resume {Path('runs/tiny-1')}")
+        result = tiny(*RUN, "--checkpoint", "1")
+    assert result.complaints[-1].endswith(f"gridslam run --resume {Path('runs/tiny-1')}")
     assert tiny(*RUN).code == 0
     assert tiny("run", "--resume", "runs/tiny-1").code == 0
     same_runs("runs/tiny-1", "runs/tiny-2")

@@ -46,8 +46,8 @@ def test_unfinished_run_is_neither_replaced_unasked_nor_swept(tiny, monkeypatch)
     )
     refused(tiny, *RUN, "-o", "out", "--overwrite", "--measurements", "nothing.csv")
     assert tiny(*RUN, "-o", "other").code == 0
-    said = tiny(*RUN, "-o", "out", "--overwrite")
-    assert (said.code, said.complaints) == (0, ["note: the unfinished run into out is overwritten"])
+    result = tiny(*RUN, "-o", "out", "--overwrite")
+    assert (result.code, result.complaints) == (0, ["note: the unfinished run into out is overwritten"])
     assert here() == ["other", "out", "tiny.toml"]
     same_runs("other", "out")
     assert "no unfinished run" in refused(tiny, "run", "--resume", "out")
@@ -121,9 +121,9 @@ class Own:
 
 def test_method_that_cannot_be_saved_is_told_before_any_work(tiny):
     Path("unsaved.py").write_text(OWN)
-    said = tiny(*RUN, "--method", "unsaved:Own", "-o", "out", "--checkpoint", "1")
-    assert said.code == 2
-    assert said.complaints == [
+    result = tiny(*RUN, "--method", "unsaved:Own", "-o", "out", "--checkpoint", "1")
+    assert result.code == 2
+    assert result.complaints == [
         "error: --checkpoint: found method 'unsaved:Own', which has no 'save'; allowed: one that has"
     ]
     assert "out" not in here()

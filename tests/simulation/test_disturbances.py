@@ -21,8 +21,8 @@ def room():
     return CASE
 
 
-def rows(heard, keep):
-    return [getattr(heard, name)[keep] for name in (*KEYS, *VALUES)]
+def rows(measurements, keep):
+    return [getattr(measurements, name)[keep] for name in (*KEYS, *VALUES)]
 
 
 def test_the_filter_is_told_neither_walls_nor_way(room):
@@ -174,4 +174,7 @@ def test_a_disturbance_repeats_with_its_seed_and_differs_with_another(room):
     one, same = (disturbances.clutter_burst(room, 60, 20) for _ in range(2))
     other = disturbances.clutter_burst(replace(room, seed=2), 60, 20)
     np.testing.assert_array_equal(one.measurements.distance_m, same.measurements.distance_m)
-    assert len(one.measurements.step) != len(other.measurements.step) or (one.measurements.aod_rad != other.measurements.aod_rad).any()
+    assert (
+        len(one.measurements.step) != len(other.measurements.step)
+        or (one.measurements.aod_rad != other.measurements.aod_rad).any()
+    )

@@ -33,38 +33,38 @@ def air(scene):
 
 
 def test_distances_hold_the_apparent_biases(scene, air):
-    heard, truth = air
+    measurements, truth = air
     biases = truth.clocks.metres(("A", "B", "C", "D", *AGENTS))
     for i, name in enumerate(AGENTS):
-        mine = (heard.agent == i) & (truth.cause >= 0)
+        mine = (measurements.agent == i) & (truth.cause >= 0)
         paths = truth.agents[name].paths
-        step, anchor = heard.table.step[mine], heard.table.anchor[mine]
+        step, anchor = measurements.table.step[mine], measurements.table.anchor[mine]
         bias = biases[step, anchor] - biases[step, 4 + i]
-        error = heard.table.distance_m[mine] - paths.distance_m[truth.cause[mine]] - bias
+        error = measurements.table.distance_m[mine] - paths.distance_m[truth.cause[mine]] - bias
         std = scene.signal_model(name).distance_std(paths.amplitude[truth.cause[mine]])
         assert abs(np.mean((error / std) ** 2) - 1) < 0.15
-    assert (heard.table.distance_m < 0).any()
+    assert (measurements.table.distance_m < 0).any()
     np.testing.assert_allclose(biases[0, :4], [-30, -10, 10, 30], atol=1e-3)
 
 
 def test_clutter_says_nothing_of_labels(air):
-    heard, truth = air
+    measurements, truth = air
     clutter = truth.source < 0
     assert abs(clutter.sum() / len(AGENTS) / 60 - 5) < 0.7  # of all anchors together
     for anchor in range(4):
-        distance = heard.table.distance_m[clutter & (heard.table.anchor == anchor)]
+        distance = measurements.table.distance_m[clutter & (measurements.table.anchor == anchor)]
         assert kstest((distance + 45) / 130, "uniform").pvalue > 1e-3
 
 
 def test_rows_are_in_random_order_and_labels_gone(scene, air):
-    heard, truth = simulate_network(scene, AGENTS, seed=3, unlabelled=True)
-    assert (heard.table.anchor == -1).all()
+    measurements, truth = simulate_network(scene, AGENTS, seed=3, unlabelled=True)
+    assert (measurements.table.anchor == -1).all()
     same = air[0]
-    np.testing.assert_array_equal(heard.table.distance_m, same.table.distance_m)
-    rows = (heard.agent == 0) & (truth.source >= 0)
+    np.testing.assert_array_equal(measurements.table.distance_m, same.table.distance_m)
+    rows = (measurements.agent == 0) & (truth.source >= 0)
     first_half, order = [], truth.source[rows]
     for step in range(60):
-        mine = order[heard.table.step[rows] == step]
+        mine = order[measurements.table.step[rows] == step]
         first_half.append(mine[: len(mine) // 2].mean() - mine[len(mine) // 2 :].mean())
     assert abs(np.mean(first_half)) < 4 * np.std(first_half) / np.sqrt(60)
 
@@ -79,11 +79,11 @@ def test_deviations_come_from_a_measurements_own_amplitude(air):
 def test_agents_come_and_go(scene):
     whole = scene.model_dump(exclude_none=True)
     whole["agents"][1]["present_s"] = (20.0, 30.0)
-    heard, truth = simulate_network(gs.Scene.checked(whole, "test"), AGENTS, 1)
-    assert [heard.there(step)[1] for step in (19, 20, 30, 31)] == [False, True, True, False]
-    assert heard["agent2"].step.min() >= 20
+    measurements, truth = simulate_network(gs.Scene.checked(whole, "test"), AGENTS, 1)
+    assert [measurements.there(step)[1] for step in (19, 20, 30, 31)] == [False, True, True, False]
+    assert measurements["agent2"].step.min() >= 20
     np.testing.assert_array_equal(truth.agents["agent2"].trajectory.time_s, np.arange(20.0, 31))
-    assert len(heard) == 60
+    assert len(measurements) == 60
 
 
 def test_agents_of_other_paces_are_refused(scene):
@@ -100,10 +100,10 @@ def test_elevations_that_one_agent_alone_measures_are_missing_for_the_other(firs
     data = raised(shortened(gs.Scene.load("room"), 3, agents=2), 1.5).model_dump(exclude_none=True)
     for agent, layers in zip(data["agents"], (first, 6 - first), strict=True):
         agent["array"] = {"layers": layers}
-    heard, _ = simulate_network(gs.Scene.checked(data, "room"), AGENTS[:2], seed=1)
-    measured = np.isfinite(heard.table.aoa_elevation_rad)
-    assert len(set(heard.agent)) == 2
-    np.testing.assert_array_equal(measured, heard.agent == (0 if first == 5 else 1))
+    measurements, _ = simulate_network(gs.Scene.checked(data, "room"), AGENTS[:2], seed=1)
+    measured = np.isfinite(measurements.table.aoa_elevation_rad)
+    assert len(set(measurements.agent)) == 2
+    np.testing.assert_array_equal(measured, measurements.agent == (0 if first == 5 else 1))
 
 
 def test_clocks_drift_zigzag_and_jump():

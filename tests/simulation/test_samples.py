@@ -47,10 +47,10 @@ def test_snr_of_the_line_of_sight_is_that_of_the_radio_over_all_samples():
             wave.delay_response(5.0),
         )  # fmt: skip
         assert np.linalg.norm(track.position_m[0]) == pytest.approx(5.0)
-        heard = [gs.simulate(scene, "me", seed, what="signal").samples[0, 0] for seed in range(200)]
-        matched = np.array([np.vdot(response, z) for z in heard])
+        samples = [gs.simulate(scene, "me", seed, what="signal").samples[0, 0] for seed in range(200)]
+        matched = np.array([np.vdot(response, z) for z in samples])
         assert np.mean(np.abs(matched) ** 2) == pytest.approx(40 + 1, rel=0.1), "and noise of variance 1"
-        rest = [z - m * response for z, m in zip(heard, matched, strict=True)]
+        rest = [z - m * response for z, m in zip(samples, matched, strict=True)]
         assert np.mean(np.abs(rest) ** 2) == pytest.approx(1 - 1 / rest[0].size, rel=0.05)
 
 
@@ -60,8 +60,8 @@ def test_steady_amplitudes_keep_their_modulus_and_swerling_ones_fade():
         scene = sampled_scene(radio={"snr_at_1m_db": 80.0, "fading": fading}, steps=1)
         wave = scene.waveform("me")
         response = wave.delay_response(5.0)
-        heard = [gs.simulate(scene, "me", seed, what="signal").samples[0, 0, 0, 0] for seed in range(300)]
-        power = np.array([np.abs(np.vdot(response, z)) ** 2 for z in heard])
+        samples = [gs.simulate(scene, "me", seed, what="signal").samples[0, 0, 0, 0] for seed in range(300)]
+        power = np.array([np.abs(np.vdot(response, z)) ** 2 for z in samples])
         assert power.mean() == pytest.approx(1e8 / 25, rel=0.2)
         assert power.std() / power.mean() == pytest.approx(spread, abs=0.2 if spread else 0.01)
 
@@ -105,7 +105,7 @@ def test_heading_is_there_where_a_sensor_is_and_as_good_as_it():
     assert exact.heading_rad == pytest.approx(np.full(3, np.pi / 6))
     assert exact.waveform.heading_std_rad == 0
     rough = [gs.simulate(sampled_scene(heading_sensor_deg=2.0), "me", s, what="signal") for s in range(60)]
-    errors = np.concatenate([heard.heading_rad - np.pi / 6 for heard in rough])
+    errors = np.concatenate([samples.heading_rad - np.pi / 6 for samples in rough])
     assert np.degrees(errors.std()) == pytest.approx(2.0, rel=0.25)
 
 

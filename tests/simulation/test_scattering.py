@@ -40,13 +40,15 @@ def test_walls_hide_scatterers_but_screens_of_sights_do_not(wall, seen):
 
 def test_samples_and_measurements_hold_the_scatterer():
     scene = scattering([{"position_m": [3.0, 0.0], "size_m": 3.0}], radio={"snr_at_1m_db": 60.0})
-    heard, plain = (gs.simulate(s, "me", 3, what="signal").samples[0] for s in (scene, sampled_scene()))
+    measurements, plain = (
+        gs.simulate(s, "me", 3, what="signal").samples[0] for s in (scene, sampled_scene())
+    )
     wave = scene.waveform("me")
-    matched = [abs(np.vdot(wave.delay_response(d), heard[0, 0, 0])) for d in (5.0, 7.0, 12.0)]
+    matched = [abs(np.vdot(wave.delay_response(d), measurements[0, 0, 0])) for d in (5.0, 7.0, 12.0)]
     assert matched[0] == pytest.approx(200, rel=0.1)
     assert matched[1] == pytest.approx(250, rel=0.1)
     assert matched[2] < 50
-    assert plain.shape == heard.shape
+    assert plain.shape == measurements.shape
     found = gs.simulate(scene, "me", 3)
     assert np.abs(found.distance_m - 7.0).min() < 0.05
     # what goes over no wall has no place in a bound

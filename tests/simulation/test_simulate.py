@@ -28,7 +28,7 @@ def batch(scene):
 
 
 def caused(batch, column):
-    return np.concatenate([getattr(heard, column)[label >= 0] for heard, label in batch])
+    return np.concatenate([getattr(measurements, column)[label >= 0] for measurements, label in batch])
 
 
 @pytest.mark.slow
@@ -76,9 +76,9 @@ def test_amplitudes_of_detections_are_rician_above_the_threshold(scene, paths, b
 def test_clutter_is_poisson_uniform_and_faint(scene, batch):
     signal = scene.signal_model("agent1")
     table = {c: [] for c in ("distance_m", "aod_rad", "aoa_rad", "amplitude", "step", "anchor")}
-    for heard, label in batch:
+    for measurements, label in batch:
         for column, values in table.items():
-            values.append(getattr(heard, column)[label < 0])
+            values.append(getattr(measurements, column)[label < 0])
     false = {c: np.concatenate(v) for c, v in table.items()}
     cells = len(scene.track("agent1")) * len(scene.anchors) * len(SEEDS)
     assert abs(len(false["step"]) - signal.false_alarms * cells) < 4 * np.sqrt(signal.false_alarms * cells)
@@ -147,7 +147,7 @@ def test_a_door_is_a_gap_that_lets_paths_through(low, high, open_):
 def test_a_lone_antenna_measures_no_angle_and_is_no_error():
     text = DOOR.format(low=1.5, high=2.5) + "[agents.array]\nrows = 1\ncolumns = 1\n"
     scene = gs.Scene.from_toml(text)
-    heard, label = simulate_labelled(scene, "a", 1)
-    assert np.isnan(heard.aoa_rad[label >= 0]).all()
-    assert np.isfinite(heard.aod_rad).all()
-    assert np.isfinite(gs.map_scene(scene, heard, seed=1, particles=500).trajectory.position_m).all()
+    measurements, label = simulate_labelled(scene, "a", 1)
+    assert np.isnan(measurements.aoa_rad[label >= 0]).all()
+    assert np.isfinite(measurements.aod_rad).all()
+    assert np.isfinite(gs.map_scene(scene, measurements, seed=1, particles=500).trajectory.position_m).all()

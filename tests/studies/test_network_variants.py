@@ -17,8 +17,8 @@ def scene():
 
 
 def test_variants_differ_in_clocks_and_labels_alone(scene):
-    heard = {name: variant_of(scene, AGENTS, 3, name) for name in VARIANTS}
-    (_, free, truth), (told, tied, other) = (heard[name] for name in list(VARIANTS)[:2])
+    variants = {name: variant_of(scene, AGENTS, 3, name) for name in VARIANTS}
+    (_, free, truth), (told, tied, other) = (variants[name] for name in list(VARIANTS)[:2])
     np.testing.assert_array_equal(free.table.aoa_rad, tied.table.aoa_rad)
     true = truth.source >= 0
     np.testing.assert_array_equal(truth.source, other.source)
@@ -26,7 +26,7 @@ def test_variants_differ_in_clocks_and_labels_alone(scene):
     np.testing.assert_allclose(free.table.distance_m[true] - bias, tied.table.distance_m[true], atol=1e-9)
     assert not other.clocks.metres(("A", "B", "C", "D")).any()
     assert (free.table.anchor == -1).all()
-    labelled, (_, named, _) = heard["unsynchronised, labelled"][0], heard["unsynchronised, labelled"]
+    labelled, (_, named, _) = variants["unsynchronised, labelled"][0], variants["unsynchronised, labelled"]
     assert (named.table.anchor >= 0).all()
     assert labelled.radio.false_alarms == scene.radio.false_alarms / 4
     assert all(anchor.clock.prior_ns == 0 for anchor in told.anchors)

@@ -30,14 +30,14 @@ from gridslam.world.geometry import sfv
 SIGNAL = gs.Scene.load("room").signal_model("agent1")
 MODEL = model_of("room", radio=SIGNAL)
 WORK = Workspace(MODEL, seed=1)
-NOTHING_HEARD = replace(State.start(MODEL), amplitudes=RayAmplitudes())
+UNMEASURED = replace(State.start(MODEL), amplitudes=RayAmplitudes())
 
 
 def one_ray(existence=0.9):
     return Rays.of(*(np.array([v]) for v in (0, 0, -1, -1, existence, 1.0)))
 
 
-def heard(*amplitudes, distance=np.nan):
+def anchor_scan(*amplitudes, distance=np.nan):
     count = len(amplitudes)
     unknown = np.full((count, 3), np.nan)
     value = unknown.copy()
@@ -51,7 +51,7 @@ def one_path(existence, distance):
 
 def ahead(state, existence, distance):
     """Amplitude belief of the one path, a step ahead."""
-    return predict_amplitudes(state, one_path(existence, distance), heard(), SIGNAL, work=WORK)
+    return predict_amplitudes(state, one_path(existence, distance), anchor_scan(), SIGNAL, work=WORK)
 
 
 def mean(state, distance):
@@ -60,9 +60,9 @@ def mean(state, distance):
 
 def followed(amplitudes, existence=0.9, distance=3.0):
     """Amplitude belief after hearing one path strengths one after the other; None for a miss."""
-    state, path = NOTHING_HEARD, one_path(existence, distance)
+    state, path = UNMEASURED, one_path(existence, distance)
     for amplitude in amplitudes:
-        own = heard() if amplitude is None else heard(amplitude)
+        own = anchor_scan() if amplitude is None else anchor_scan(amplitude)
         belief = predict_amplitudes(state, path, own, SIGNAL, work=WORK)
         ratios = SimpleNamespace(responsible=np.ones((1, len(own))))
         state = update_amplitudes(state, path, belief, own, ratios, SIGNAL, work=WORK)
@@ -71,16 +71,16 @@ def followed(amplitudes, existence=0.9, distance=3.0):
 
 def test_where_no_amplitude_tells_anything_none_is_kept():
     blind = replace(SIGNAL, given_detection=0.8)
-    path, silent, loud = one_path(0.9, 3.0), heard(np.nan, np.nan), heard(5.0, np.nan)
-    belief = predict_amplitudes(NOTHING_HEARD, path, silent, blind, work=WORK)
+    path, silent, loud = one_path(0.9, 3.0), anchor_scan(np.nan, np.nan), anchor_scan(5.0, np.nan)
+    belief = predict_amplitudes(UNMEASURED, path, silent, blind, work=WORK)
     assert belief.spreading
     assert belief.probability.tolist() == [[1.0]]
-    assert belief.nodes / 3.0 == pytest.approx(mean(NOTHING_HEARD, 3.0))
+    assert belief.nodes / 3.0 == pytest.approx(mean(UNMEASURED, 3.0))
     ratios = SimpleNamespace(responsible=np.ones((1, 2)))
-    assert update_amplitudes(NOTHING_HEARD, path, belief, silent, ratios, blind, work=WORK) is NOTHING_HEARD
+    assert update_amplitudes(UNMEASURED, path, belief, silent, ratios, blind, work=WORK) is UNMEASURED
     for state, own, signal in (
-        (NOTHING_HEARD, loud, blind),  # it was measured all the same
-        (NOTHING_HEARD, silent, SIGNAL),  # a miss tells of it
+        (UNMEASURED, loud, blind),  # it was measured all the same
+        (UNMEASURED, silent, SIGNAL),  # a miss tells of it
         (followed([5.0])[0], silent, blind),  # or it was before
     ):
         assert not predict_amplitudes(state, path, own, signal, work=WORK).spreading
@@ -103,14 +103,14 @@ def test_a_ray_that_was_given_up_and_is_heard_again_is_as_strong_as_it_is_heard(
     """It kept the amplitude of its silence, and what was heard next was taken for another wall's."""
     state, _ = followed([None] * 8, existence=0.2)
     assert ahead(state, 0.95, 3.0).probability[0] @ ahead(state, 0.95, 3.0).nodes < 4
-    path, own = one_path(0.004, 3.0), heard(15.0)
+    path, own = one_path(0.004, 3.0), anchor_scan(15.0)
     belief = predict_amplitudes(state, path, own, SIGNAL, work=WORK)
     once = SimpleNamespace(responsible=np.ones((1, 1)))
     back = update_amplitudes(state, path, belief, own, once, SIGNAL, work=WORK)
     again = ahead(back, 0.95, 3.0)
     assert abs(again.probability[0] @ again.nodes - 15.0) < 1.5
     missed = SimpleNamespace(responsible=np.zeros((1, 0)))
-    silent = update_amplitudes(state, path, belief, heard(), missed, SIGNAL, work=WORK)
+    silent = update_amplitudes(state, path, belief, anchor_scan(), missed, SIGNAL, work=WORK)
     assert silent.amplitudes is state.amplitudes
 
 
@@ -154,17 +154,17 @@ def test_silence_makes_a_ray_fainter_but_not_for_good():
 
 
 def test_a_ray_that_appears_may_have_any_amplitude_of_free_space():
-    belief = ahead(NOTHING_HEARD, 0.005, 4.0)
+    belief = ahead(UNMEASURED, 0.005, 4.0)
     top = belief.nodes[belief.probability[0] > 0].max()
     assert top <= SIGNAL.amplitude(4.0)
     assert top > 0.9 * SIGNAL.amplitude(4.0)
 
 
 def test_amplitudes_of_dropped_surfaces_are_forgotten():
-    measured = heard(5.0, distance=3.0)
-    one = replace(NOTHING_HEARD.surfaces.add(8, 0.9, np.full(20, 0.05), 0.0, (0, -1, -1)))
+    measured = anchor_scan(5.0, distance=3.0)
+    one = replace(UNMEASURED.surfaces.add(8, 0.9, np.full(20, 0.05), 0.0, (0, -1, -1)))
     born = [((0, 7, 7), 0), ((0, 8, 7), 0), ((0, 8, 8), 0)]
-    state = replace(start_amplitudes(NOTHING_HEARD, born, measured, SIGNAL), surfaces=one)
+    state = replace(start_amplitudes(UNMEASURED, born, measured, SIGNAL), surfaces=one)
     assert set(state.amplitudes.known) == {key for key, _ in born}
     kept = forget_amplitudes(state)
     assert set(kept.amplitudes.known) == {(0, 8, 8)}
@@ -213,10 +213,10 @@ def test_a_run_repeats_bit_for_bit(method):
 @pytest.mark.slow
 def test_separate_beliefs_are_a_setting():
     scene = gs.Scene.load("room").with_filter(particles=1000)
-    heard = list(itertools.islice(gs.simulate(scene, "agent1", 1), 12))
+    anchor_scan = list(itertools.islice(gs.simulate(scene, "agent1", 1), 12))
     for correlated in (True, False):
         slam = gs.GridSlam(scene.with_filter(correlated=correlated), seed=1)
-        for scan in heard:
+        for scan in anchor_scan:
             slam.step(scan)
         cross = slam.state.belief.covariance[:5, 5:]
         assert cross.size

@@ -36,7 +36,7 @@ def to_and_fro(steps):
 
 
 @cache
-def heard_by_a_door(door):
+def seen_by_a_door(door):
     """The scene, and the true paths of all steps."""
     scene, track = world(door), to_and_fro(BEFORE + AFTER)
     return scene, track, true_paths(scene, "agent1", track)
@@ -44,13 +44,13 @@ def heard_by_a_door(door):
 
 @cache
 def scans(door, seed):
-    scene, track, paths = heard_by_a_door(door)
+    scene, track, paths = seen_by_a_door(door)
     return list(measured_along(scene, "agent1", track, paths, seed)[0])
 
 
 def follow(slam, door, rows, seed):
     """The filter's map after some steps in the world with such a door."""
-    track = heard_by_a_door(door)[1]
+    track = seen_by_a_door(door)[1]
     for scan in scans(door, seed)[rows]:
         estimate = slam.step(scan)
     assert np.linalg.norm(estimate.position_m - track.position_m[slam.state.step - 1]) < 0.05

@@ -129,8 +129,8 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
 
 def test_rows_of_anchors_that_the_scene_lacks_are_passed_over():
     scan = gs.Scan(0, 0.0, np.array([1, 7, -1, 0]), *(np.arange(4.0) + n for n in range(4)))
-    heard = anchor_scans(scan, np.zeros((2, 4)))
-    assert [h.amplitude.tolist() for h in heard] == [[6.0], [3.0]]
+    each_scan = anchor_scans(scan, np.zeros((2, 4)))
+    assert [h.amplitude.tolist() for h in each_scan] == [[6.0], [3.0]]
     none = np.zeros(0)
     assert [len(h) for h in anchor_scans(gs.Scan(0, 0.0, *[none] * 5), np.zeros((2, 4)))] == [
         0,
@@ -175,10 +175,10 @@ WORDS = (
 
 @pytest.mark.parametrize("words", WORDS)
 def test_bad_input_is_one_line_and_exit_code_2(words, say):
-    said = say(*words)
-    assert said.code == 2
-    assert len(said.complaints) == 1
-    assert "Traceback" not in said.err
+    result = say(*words)
+    assert result.code == 2
+    assert len(result.complaints) == 1
+    assert "Traceback" not in result.err
 
 
 @pytest.mark.slow
@@ -254,9 +254,9 @@ def test_filters_side_by_side_and_estimates_of_before_stay_as_they_are(method):
         ]  # fmt: skip
 
     rooms = [gs.Scene.load(name).with_filter(particles=128) for name in ("room", "alcove")]
-    heard = [list(gs.simulate(shortened(room, 8), "agent1", 1)) for room in rooms]
+    each_scan = [list(gs.simulate(shortened(room, 8), "agent1", 1)) for room in rooms]
     alone = []
-    for room, scans in zip(rooms, heard, strict=True):
+    for room, scans in zip(rooms, each_scan, strict=True):
         slam = method_class(method)(room, seed=1)
         kept = [(estimate, told(estimate)) for estimate in map(slam.step, scans)]
         alone.append([copies for _, copies in kept])
@@ -264,7 +264,7 @@ def test_filters_side_by_side_and_estimates_of_before_stay_as_they_are(method):
             for now, then in zip(told(estimate), copies, strict=True):
                 np.testing.assert_array_equal(now, then)
     both = [method_class(method)(room, seed=1) for room in rooms]
-    for step, scans in enumerate(zip(*heard, strict=True)):
+    for step, scans in enumerate(zip(*each_scan, strict=True)):
         for slam, scan, expected in zip(both, scans, alone, strict=True):
             for now, then in zip(told(slam.step(scan)), expected[step], strict=True):
                 np.testing.assert_array_equal(now, then)

@@ -15,13 +15,13 @@ from gridslam.runs.map_scene import check_anchors
 ROOM = gs.Scene.load("room")
 
 
-def followed(scene, method, seed, heard=None):
+def followed(scene, method, seed, measurements=None):
     """Squared errors (N,), NEES per dimension (N,), and the last estimate."""
-    heard = gs.simulate(scene, "agent1", seed=seed) if heard is None else heard
+    measurements = gs.simulate(scene, "agent1", seed=seed) if measurements is None else measurements
     slam, track = method(scene, seed=seed), ROOM.track("agent1")
-    square, ratio = np.zeros(len(heard)), np.zeros(len(heard))
-    for step in range(len(heard)):
-        estimate = slam.step(heard.scan(step))
+    square, ratio = np.zeros(len(measurements)), np.zeros(len(measurements))
+    for step in range(len(measurements)):
+        estimate = slam.step(measurements.scan(step))
         gap = estimate.position_m - track.position_m[step]
         square[step], ratio[step] = gap @ gap, nees(gap, estimate.covariance[:2, :2]) / 2
     return square, ratio, estimate
@@ -31,9 +31,9 @@ def followed(scene, method, seed, heard=None):
 def test_devices_at_one_height_give_the_bits_of_a_plane(method):
     flat = shortened(ROOM, 8)
     ours = [method(scene, seed=1) for scene in (flat, raised(flat, 0.0, agent_m=1.3))]
-    heard = [gs.simulate(scene, "agent1", seed=1) for scene in (flat, raised(flat, 0.0, agent_m=1.3))]
+    measurements = [gs.simulate(scene, "agent1", seed=1) for scene in (flat, raised(flat, 0.0, agent_m=1.3))]
     for step in range(8):
-        one, other = (slam.step(h.scan(step)) for slam, h in zip(ours, heard, strict=True))
+        one, other = (slam.step(h.scan(step)) for slam, h in zip(ours, measurements, strict=True))
         np.testing.assert_array_equal(one.covariance, other.covariance)
         np.testing.assert_array_equal(one.paths.distance_m, other.paths.distance_m)
         np.testing.assert_array_equal(one.surfaces.line, other.surfaces.line)
@@ -58,12 +58,15 @@ def test_the_point_right_under_an_anchor_is_passed_as_near_to_the_bound_as_any()
     """A way that was drawn for this, not for tuning: see docs/model.md, section 16, for eight seeds."""
     scene = gs.Scene.load("ceiling")
     bound = unknown_map_bound(scene, "agent1").position_m
-    heard, track, slam = (
+    measurements, track, slam = (
         gs.simulate(scene, "agent1", seed=31),
         scene.track("agent1"),
         gs.GridSlam(scene, seed=31),
     )
-    gap = np.array([slam.step(heard.scan(k)).position_m for k in range(len(heard))]) - track.position_m
+    gap = (
+        np.array([slam.step(measurements.scan(k)).position_m for k in range(len(measurements))])
+        - track.position_m
+    )
     assert np.sqrt((gap**2).sum(1).mean() / np.square(bound).mean()) < 1.2
     under = np.linalg.norm(track.position_m - scene.anchor_positions[0], axis=1) < 0.5
     assert np.sqrt((gap[under] ** 2).sum(1).mean()) < 0.05
@@ -71,8 +74,8 @@ def test_the_point_right_under_an_anchor_is_passed_as_near_to_the_bound_as_any()
 
 def test_measurements_hold_heights_and_are_refused_by_scenes_of_others(tmp_path):
     scene = raised(shortened(ROOM, 3), 1.5)
-    heard = gs.simulate(scene, "agent1", seed=1)
-    heard.to_h5(tmp_path / "heard.h5")
+    measurements = gs.simulate(scene, "agent1", seed=1)
+    measurements.to_h5(tmp_path / "heard.h5")
     read = gs.Measurements.load(tmp_path / "heard.h5")
     np.testing.assert_array_equal(read.anchor_position_m, scene.anchor_places)
     check_anchors(scene, read)
@@ -86,17 +89,17 @@ def test_measurements_hold_heights_and_are_refused_by_scenes_of_others(tmp_path)
 def test_heights_that_a_scene_leaves_out_cost_decimetres():
     """What heights are for: the same distances in a planar scene."""
     scene = shortened(ROOM, 50)
-    heard = gs.simulate(raised(scene, 1.5), "agent1", seed=5)
-    planar, _, _ = followed(scene, gs.GridSlam, 5, heard)
+    measurements = gs.simulate(raised(scene, 1.5), "agent1", seed=5)
+    planar, _, _ = followed(scene, gs.GridSlam, 5, measurements)
     assert np.sqrt(planar.mean()) > 0.1
 
 
 @pytest.mark.slow
 def test_check_finds_nothing_wrong_with_heights_and_names_other_ones():
     scene = raised(ROOM, 1.5)
-    heard = gs.simulate(scene, "agent1", seed=2)
+    measurements = gs.simulate(scene, "agent1", seed=2)
     columns = {
-        n: getattr(heard, n)
+        n: getattr(measurements, n)
         for n in ("step", "anchor", "time_s", "distance_m", "aod_rad", "aoa_rad", "amplitude")
     }
     assert not suspicions(columns, scene.anchor_names, scene, "agent1")

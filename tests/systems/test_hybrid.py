@@ -17,7 +17,7 @@ from gridslam.world.start import assumed_start
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 HIDDEN = slice(68, 126)
 APART = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 1.0], [0.0, -1.0]])
-KEPT = (5, 12, 32, 40)
+CHECKED_STEPS = (5, 12, 32, 40)
 """With particles; while the first steps, then a segment, are being learned from; between."""
 WATCHED = (5, 9, 14, 29, 34, 40)
 """The same, and where learning begins and ends."""
@@ -29,7 +29,7 @@ def screen():
 
 
 @pytest.fixture(scope="module")
-def heard(screen):
+def recording(screen):
     return gs.simulate(screen, "agent1", 1, what="signal")
 
 
@@ -47,12 +47,12 @@ def arrays(value):
 
 
 @pytest.fixture(scope="module")
-def run(screen, heard, tmp_path_factory):
+def run(screen, recording, tmp_path_factory):
     """The whole way: the filter, its estimates, checkpoints, and whether states stayed as they were."""
-    folder, slam = tmp_path_factory.mktemp("hybrid"), begun(HybridSlam, screen, heard)
+    folder, slam = tmp_path_factory.mktemp("hybrid"), begun(HybridSlam, screen, recording)
     estimates, kept, before = [], {}, {}
-    for scan in heard:
-        if scan.step in KEPT:
+    for scan in recording:
+        if scan.step in CHECKED_STEPS:
             kept[scan.step] = folder / f"{scan.step}.h5"
             slam.save(kept[scan.step])
         if scan.step in WATCHED:
@@ -66,9 +66,9 @@ def run(screen, heard, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_learned_features_carry_the_agent_past_the_screen(run, heard):
+def test_learned_features_carry_the_agent_past_the_screen(run, recording):
     estimates = run[1]
-    off = np.array([e.position_m for e in estimates]) - heard.truth.position_m
+    off = np.array([e.position_m for e in estimates]) - recording.truth.position_m
     assert np.sqrt((off[HIDDEN] ** 2).sum(1).mean()) < 0.15
     assert np.hypot(*off[5:].T).max() < 0.6
     sights = np.array([e.paths.existence[0] for e in estimates])
@@ -96,18 +96,18 @@ def test_a_step_leaves_the_state_before_as_it_was(run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("step", KEPT)
-def test_it_goes_on_from_its_checkpoint_bit_for_bit(run, heard, step):
+@pytest.mark.parametrize("step", CHECKED_STEPS)
+def test_it_goes_on_from_its_checkpoint_bit_for_bit(run, recording, step):
     slam = HybridSlam.resume(run[2][step])
     for k in range(step, step + 26):  # nobody learns ahead, where a segment was being learned from
-        estimate = slam.step(heard.scan(k))
+        estimate = slam.step(recording.scan(k))
     np.testing.assert_array_equal(estimate.position_m, run[1][step + 25].position_m)
     np.testing.assert_array_equal(estimate.covariance, run[1][step + 25].covariance)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("later", [5, 30])
-def test_a_lesson_that_ended_at_another_step_is_refused(run, heard, later):
+def test_a_lesson_that_ended_at_another_step_is_refused(run, recording, later):
     state = HybridSlam.resume(run[2][32]).state
     lesson = replace(state.lesson, step=state.lesson.step - later)
     with pytest.raises(InputError, match="lesson"):
@@ -115,12 +115,15 @@ def test_a_lesson_that_ended_at_another_step_is_refused(run, heard, later):
 
 
 @pytest.mark.slow
-def test_the_next_agent_goes_on_from_the_map(run, screen, heard, tmp_path):
+def test_the_next_agent_goes_on_from_the_map(run, screen, recording, tmp_path):
     run[0].map().save(tmp_path / "map.h5")
     prior = gs.Map.load(tmp_path / "map.h5")
-    slam = begun(HybridSlam, screen, heard, prior_map=prior)
+    slam = begun(HybridSlam, screen, recording, prior_map=prior)
     assert len(slam.state.joint.features) == len(prior.features)
-    off = [np.hypot(*(slam.step(heard.scan(k)).position_m - heard.truth.position_m[k])) for k in range(20)]
+    off = [
+        np.hypot(*(slam.step(recording.scan(k)).position_m - recording.truth.position_m[k]))
+        for k in range(20)
+    ]
     assert max(off[15:]) < 0.15
     slam.save(tmp_path / "state.h5")
     again, sheet = HybridSlam.resume(tmp_path / "state.h5").map(), slam.map()
@@ -140,10 +143,10 @@ def test_the_next_agent_goes_on_from_the_map(run, screen, heard, tmp_path):
     assert len(SightSlam(screen, prior).state.joint.features) == 0  # the line of sight alone
 
 
-def test_the_line_of_sight_alone_says_whether_it_is_there(screen, heard):
-    slam = begun(SightSlam, screen, heard)
-    estimates = [slam.step(heard.scan(k)) for k in range(12)]
-    off = np.hypot(*(estimates[-1].position_m - heard.truth.position_m[11]))
+def test_the_line_of_sight_alone_says_whether_it_is_there(screen, recording):
+    slam = begun(SightSlam, screen, recording)
+    estimates = [slam.step(recording.scan(k)) for k in range(12)]
+    off = np.hypot(*(estimates[-1].position_m - recording.truth.position_m[11]))
     assert off < 0.5
     assert estimates[-1].paths.existence[0] > 0.5
     assert slam.state.particles is not None
@@ -151,8 +154,8 @@ def test_the_line_of_sight_alone_says_whether_it_is_there(screen, heard):
     assert len(slam.map().features) == 0
 
 
-def test_radios_without_a_model_are_refused_in_one_line(screen, heard):
-    wave = heard.waveform
+def test_radios_without_a_model_are_refused_in_one_line(screen, recording):
+    wave = recording.waveform
     for more, says in (
         ({"agent_element_m": wave.agent_element_m[:3]}, "symmetry"),
         ({"agent_element_m": wave.agent_element_m + 0.01}, "centre"),
@@ -163,10 +166,10 @@ def test_radios_without_a_model_are_refused_in_one_line(screen, heard):
             HybridSlam(screen, waveform=replace(wave, **more))
 
 
-def test_an_array_needs_a_heading(screen, heard):
-    slam = begun(HybridSlam, screen, heard)
+def test_an_array_needs_a_heading(screen, recording):
+    slam = begun(HybridSlam, screen, recording)
     with pytest.raises(InputError, match="heading_rad"):
-        slam.step(replace(heard.scan(0), heading_rad=None))
+        slam.step(replace(recording.scan(0), heading_rad=None))
     assert slam.state.step == 0
 
 
@@ -178,10 +181,10 @@ def test_an_array_needs_a_heading(screen, heard):
         ("weight", lambda x: 2 * x), ("time_s", lambda x: x[::-1].copy()),
     ],
 )  # fmt: skip
-def test_a_checkpoint_that_cannot_be_is_refused(screen, heard, tmp_path, monkeypatch, name, spoil):
-    slam, put = begun(HybridSlam, screen, heard), values.put
+def test_a_checkpoint_that_cannot_be_is_refused(screen, recording, tmp_path, monkeypatch, name, spoil):
+    slam, put = begun(HybridSlam, screen, recording), values.put
     for k in range(3):
-        slam.step(heard.scan(k))
+        slam.step(recording.scan(k))
     with monkeypatch.context() as patch:
         patch.setattr(
             values, "put", lambda group, own, x, unit: put(group, own, spoil(x) if own == name else x, unit)
@@ -192,7 +195,7 @@ def test_a_checkpoint_that_cannot_be_is_refused(screen, heard, tmp_path, monkeyp
 
 
 @pytest.mark.slow
-def test_a_map_that_explains_the_first_steps_worse_than_none_is_not_believed(run, screen, heard):
+def test_a_map_that_explains_the_first_steps_worse_than_none_is_not_believed(run, screen, recording):
     sheet = run[0].map()
     for off in (0.0, 1.2, 3.0):
         moved = replace(
@@ -201,12 +204,12 @@ def test_a_map_that_explains_the_first_steps_worse_than_none_is_not_believed(run
         prior = replace(
             sheet, features=moved, surfaces=None, surface_reflection=None, surface_covariance=None
         )
-        slam = begun(HybridSlam, screen, heard, prior_map=prior)
+        slam = begun(HybridSlam, screen, recording, prior_map=prior)
         for k in range(16):
-            found = slam.step(heard.scan(k))
+            found = slam.step(recording.scan(k))
         bank = slam.state.joint.features
         left = np.isin(bank.identity, np.arange(len(moved)))
-        assert np.hypot(*(found.position_m - heard.truth.position_m[15])) < 0.2
+        assert np.hypot(*(found.position_m - recording.truth.position_m[15])) < 0.2
         if off:  # gone, or as good as gone
             assert (bank.presence[left] < 0.1).all()
             assert (bank.presence[~left] > 0.5).sum() == 3

@@ -93,16 +93,16 @@ def test_places_that_are_not_finite_are_refused(place):
 @pytest.mark.slow
 def test_features_are_learned_at_the_segments_end_and_a_checkpoint_goes_on(tmp_path):
     scene = gs.Scene.load("screen").with_filter(particles=300)
-    heard = gs.simulate(scene, "agent1", 2, what="signal")
-    slam = PublishedHybridSlam(scene, seed=2, waveform=heard.waveform)
+    recording = gs.simulate(scene, "agent1", 2, what="signal")
+    slam = PublishedHybridSlam(scene, seed=2, waveform=recording.waveform)
     for k in range(LEARN_EVERY + 3):
-        slam.step(heard.scan(k))
+        slam.step(recording.scan(k))
         assert len(slam.state.joint.features) == (FEATURES if k >= LEARN_EVERY - 1 else 0)
     assert slam.state.networks.places.moves == 300
     slam.save(tmp_path / "on.h5")
     again = PublishedHybridSlam.resume(tmp_path / "on.h5")
     for k in range(LEARN_EVERY + 3, 2 * LEARN_EVERY + 1):
-        one, other = slam.step(heard.scan(k)), again.step(heard.scan(k))
+        one, other = slam.step(recording.scan(k)), again.step(recording.scan(k))
     np.testing.assert_array_equal(one.position_m, other.position_m)
     np.testing.assert_array_equal(slam.map().features.position_m, again.map().features.position_m)
     assert slam.state.networks.places.moves == 600

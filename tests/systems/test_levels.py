@@ -17,11 +17,11 @@ from gridslam.systems.soundness import require_sound
 ROOM = gs.Scene.load("room")
 
 
-def followed(scene, method, heard, track):
+def followed(scene, method, measurements, track):
     """Squared errors and NEES per dimension of all steps, and the last estimate."""
     slam, square, ratio = method(scene, seed=1), [], []
-    for step in range(len(heard)):
-        estimate = slam.step(heard.scan(step))
+    for step in range(len(measurements)):
+        estimate = slam.step(measurements.scan(step))
         gap = estimate.position_m - track.position_m[step]
         square.append(gap @ gap)
         ratio.append(nees(gap, estimate.covariance[:2, :2]) / 2)
@@ -31,8 +31,8 @@ def followed(scene, method, heard, track):
 @pytest.mark.parametrize("method", [gs.GridSlam, gs.AdaptiveSlam])
 def test_paths_over_levels_are_told_as_their_anchors(method):
     scene = with_levels(raised(shortened(ROOM, 6), [1.5, 1.1]))
-    heard = gs.simulate(scene, "agent1", seed=3)
-    square, _, last = followed(scene, method, heard, scene.track("agent1"))
+    measurements = gs.simulate(scene, "agent1", seed=3)
+    square, _, last = followed(scene, method, measurements, scene.track("agent1"))
     assert np.sqrt(square) < 0.2
     assert last.paths.anchor.max() == 1
     assert len(last.health.clutter) == len(last.health.turned_rad) == 2
@@ -45,13 +45,15 @@ def test_paths_over_levels_are_told_as_their_anchors(method):
 
 def test_a_run_with_levels_goes_on_from_a_checkpoint(tmp_path):
     scene = with_levels(raised(shortened(ROOM, 4), 1.2))
-    heard = gs.simulate(scene, "agent1", seed=3)
+    measurements = gs.simulate(scene, "agent1", seed=3)
     slam = gs.GridSlam(scene, seed=1)
     for step in range(3):
-        slam.step(heard.scan(step))
+        slam.step(measurements.scan(step))
     slam.save(tmp_path / "at3.h5")
     again = gs.GridSlam.resume(tmp_path / "at3.h5")
-    np.testing.assert_array_equal(again.step(heard.scan(3)).covariance, slam.step(heard.scan(3)).covariance)
+    np.testing.assert_array_equal(
+        again.step(measurements.scan(3)).covariance, slam.step(measurements.scan(3)).covariance
+    )
 
 
 @pytest.mark.parametrize(
@@ -91,8 +93,8 @@ def test_sums_of_images_count_for_their_anchors():
 @pytest.mark.parametrize("method", [gs.GridSlam, gs.AdaptiveSlam])
 def test_floor_and_ceiling_leave_a_filter_that_knows_them_at_the_bound(method):
     scene = with_levels(shortened(gs.Scene.load("ceiling"), 120))
-    track, heard = scene.track("agent1"), gs.simulate(scene, "agent1", seed=21)
-    square, ratio, last = followed(scene, method, heard, track)
+    track, measurements = scene.track("agent1"), gs.simulate(scene, "agent1", seed=21)
+    square, ratio, last = followed(scene, method, measurements, track)
     bound = unknown_map_bound(scene, "agent1").position_m
     assert np.sqrt(square / np.square(bound).mean()) < 1.2  # one run
     assert 0.5 < ratio < 1.7
@@ -103,8 +105,8 @@ def test_floor_and_ceiling_leave_a_filter_that_knows_them_at_the_bound(method):
 def test_paths_over_levels_blur_no_others_at_40_db():
     data = with_levels(raised(shortened(ROOM, 40), 1.5)).model_dump(exclude_none=True)
     scene = gs.Scene.checked({**data, "radio": {**data["radio"], "snr_at_1m_db": 40.0}}, "room")
-    heard, track = gs.simulate(scene, "agent1", seed=71), scene.track("agent1")
-    square, ratio, last = followed(scene, gs.GridSlam, heard, track)
+    measurements, track = gs.simulate(scene, "agent1", seed=71), scene.track("agent1")
+    square, ratio, last = followed(scene, gs.GridSlam, measurements, track)
     bound = unknown_map_bound(scene, "agent1").position_m
     claimed = np.trace(last.covariance[:2, :2])
     assert np.sqrt(square / np.square(bound).mean()) < 1.3  # one run
@@ -116,6 +118,6 @@ def test_paths_over_levels_blur_no_others_at_40_db():
 @pytest.mark.slow
 def test_floor_and_ceiling_that_a_scene_leaves_out_become_phantom_walls():
     scene = raised(shortened(ROOM, 30), 1.5)
-    heard = gs.simulate(with_levels(scene), "agent1", seed=21)
-    _, _, last = followed(scene, gs.GridSlam, heard, scene.track("agent1"))
+    measurements = gs.simulate(with_levels(scene), "agent1", seed=21)
+    _, _, last = followed(scene, gs.GridSlam, measurements, scene.track("agent1"))
     assert last.detected.sum() > 8  # there are four walls

@@ -35,13 +35,13 @@ def exchange():
 
 
 @pytest.fixture(scope="module")
-def heard(exchange):
+def simulated(exchange):
     return simulate_network(exchange, AGENTS, 4, unlabelled=True)
 
 
 @pytest.fixture(scope="module")
-def run(exchange, heard):
-    return map_network(exchange, heard[0], seed=4)
+def run(exchange, simulated):
+    return map_network(exchange, simulated[0], seed=4)
 
 
 def test_one_agent_with_labels_and_known_clocks_is_adaptive_slam_bit_for_bit(monkeypatch):
@@ -58,8 +58,8 @@ def test_one_agent_with_labels_and_known_clocks_is_adaptive_slam_bit_for_bit(mon
         np.testing.assert_array_equal(ours.paths.amplitude, theirs.paths.amplitude)
 
 
-def test_positions_clocks_and_labels_are_found_at_once(run, heard):
-    data, truth = heard
+def test_positions_clocks_and_labels_are_found_at_once(run, simulated):
+    data, truth = simulated
     for name in AGENTS:
         error = run.runs[name].trajectory.position_m - data.tracks[name].position_m
         assert np.linalg.norm(error[5:], axis=1).max() < 0.3
@@ -72,8 +72,8 @@ def test_positions_clocks_and_labels_are_found_at_once(run, heard):
     assert len(next(iter(run.runs.values())).surfaces) == 4
 
 
-def test_scores_say_what_can_be_known(run, heard):
-    data, truth = heard
+def test_scores_say_what_can_be_known(run, simulated):
+    data, truth = simulated
     scores = run.score(data.clocks, truth)
     assert 0 < scores["bound_ps"] < 400
     assert scores["apparent_bias_rmse_ps"] < 3 * scores["bound_ps"]
@@ -94,10 +94,10 @@ def test_a_lone_agent_with_labels_finds_the_clocks():
     assert np.abs(without_common(run.clocks.errors(data.clocks)))[5:].max() < 0.5e-9
 
 
-def test_order_of_rows_within_a_step_changes_nothing(exchange, heard):
+def test_order_of_rows_within_a_step_changes_nothing(exchange, simulated):
     slams = [NetworkSlam(exchange, agents=AGENTS, seed=4) for _ in range(2)]
     for step in range(4):
-        scan = heard[0].scan(step)
+        scan = simulated[0].scan(step)
         turned = tuple(
             replace(one, **{key: value[::-1] for key, value in columns(one).items()}) for one in scan.scans
         )
@@ -111,15 +111,15 @@ def columns(scan):
     return {key: value for key, value in vars(scan).items() if isinstance(value, np.ndarray)}
 
 
-def test_a_checkpoint_goes_on_bit_for_bit(exchange, heard, tmp_path):
+def test_a_checkpoint_goes_on_bit_for_bit(exchange, simulated, tmp_path):
     slam = NetworkSlam(exchange, agents=AGENTS, seed=4)
     for step in range(3):
-        slam.step(heard[0].scan(step))
+        slam.step(simulated[0].scan(step))
     slam.save(tmp_path / "three.h5")
     again = NetworkSlam.resume(tmp_path / "three.h5")
     assert again.agent == "agent1,agent2,agent3"
     again_before = again.state
-    one, other = slam.step(heard[0].scan(3)), again.step(heard[0].scan(3))
+    one, other = slam.step(simulated[0].scan(3)), again.step(simulated[0].scan(3))
     np.testing.assert_array_equal(one.offset_covariance_s2, other.offset_covariance_s2)
     for name in AGENTS:
         np.testing.assert_array_equal(one.agents[name].covariance, other.agents[name].covariance)
@@ -184,8 +184,8 @@ def test_clocks_with_rates_are_followed():
 
 def test_labels_may_be_known_of_some_rows_alone(exchange):
     data, truth = shared_air(exchange, AGENTS[:2], 3, sharing=4)
-    said = np.where(np.arange(len(truth.source)) % 3 == 0, data.table.anchor, -1)
-    partly = replace(data, table=replace(data.table, anchor=said, unlabelled=True))
+    label = np.where(np.arange(len(truth.source)) % 3 == 0, data.table.anchor, -1)
+    partly = replace(data, table=replace(data.table, anchor=label, unlabelled=True))
     slam = NetworkSlam(exchange, agents=AGENTS[:2], seed=3)
     for step in range(3):
         estimate = slam.step(partly.scan(step))
@@ -194,9 +194,9 @@ def test_labels_may_be_known_of_some_rows_alone(exchange):
         np.testing.assert_array_equal(given[own >= 0], own[own >= 0])
 
 
-def test_scans_that_make_no_sense_are_refused(exchange, heard):
+def test_scans_that_make_no_sense_are_refused(exchange, simulated):
     slam = NetworkSlam(exchange, agents=AGENTS, seed=1)
-    scan = heard[0].scan(0)
+    scan = simulated[0].scan(0)
     first = scan.scans[0]
     for bad, says in (
         (NetworkScan(0, 0.0, scan.scans[:2]), "2 agents; allowed: 3"),
@@ -229,8 +229,8 @@ def work_of(scene, scans, seed):
 
 
 @pytest.mark.slow
-def test_three_agents_cost_about_three_times_what_one_does(exchange, heard):
-    scans = list(heard[0])[:10]
+def test_three_agents_cost_about_three_times_what_one_does(exchange, simulated):
+    scans = list(simulated[0])[:10]
     alone = [NetworkScan(scan.step, scan.time_s, scan.scans[:1]) for scan in scans]
     one, three = work_of(exchange, alone, 1), work_of(exchange, scans, 1)
     assert 0 < three < 4 * one  # more births among them: several views of each wall
@@ -255,8 +255,8 @@ def without(scans, agent, first):
 
 
 @pytest.mark.slow
-def test_a_lost_agent_teaches_the_others_nothing(exchange, heard):
-    scans, first = list(heard[0]), 9
+def test_a_lost_agent_teaches_the_others_nothing(exchange, simulated):
+    scans, first = list(simulated[0]), 9
     lost, gone = (NetworkSlam(exchange, seed=1, agents=AGENTS) for _ in range(2))
     for number, (one, other) in enumerate(
         zip(astray(scans, 1, first), without(scans, 1, first), strict=True)
@@ -276,9 +276,9 @@ def test_a_lost_agent_teaches_the_others_nothing(exchange, heard):
 
 
 def test_agents_that_are_lost_say_nothing_of_clocks_until_enough_is_heard_or_long_nothing_tells(
-    exchange, heard
+    exchange, simulated
 ):
-    scan, state = heard[0].scan(0), NetworkSlam(exchange, seed=1, agents=AGENTS).state
+    scan, state = simulated[0].scan(0), NetworkSlam(exchange, seed=1, agents=AGENTS).state
     lost = state.records[1].monitor.still_lost()
     assert scans_of_teachers(state, scan) == list(scan.scans)
     assert scans_of_teachers(state.recorded(1, lost), scan) == [scan.scans[0], None, scan.scans[2]]

@@ -42,8 +42,8 @@ def test_one_agent_with_labels_and_known_clocks_is_grid_slam_bit_for_bit(monkeyp
 def test_messages_of_all_agents_add_up_in_the_cells():
     room = short()
     slam = NetworkGridSlam(room, agents=AGENTS, seed=2)
-    heard = gs.simulate(room, AGENTS, seed=2)
-    for scan in heard:
+    measurements = gs.simulate(room, AGENTS, seed=2)
+    for scan in measurements:
         slam.step(scan)
     blank = np.zeros_like(slam.state.grid.evidence)
     state = replace(slam.state, grid=replace(slam.state.grid, evidence=blank))
@@ -81,17 +81,17 @@ def test_an_agent_that_was_lost_teaches_no_cells():
 
 def test_it_maps_from_measurements_that_do_not_say_whose_they_are(tmp_path):
     room = short(clocks={"anchor_prior_ns": 20.0}, radio={"window_m": (-10.0, 60.0)})
-    heard = gs.simulate(room, AGENTS, seed=1, unlabelled=True)
-    run = gs.map_network(room, heard, seed=1, method="network_grid")
+    measurements = gs.simulate(room, AGENTS, seed=1, unlabelled=True)
+    run = gs.map_network(room, measurements, seed=1, method="network_grid")
     assert run.runs["agent1"].method == "network_grid"
     assert run.map.observed.any()
     for name in AGENTS:
-        error = run.runs[name].trajectory.position_m - heard.tracks[name].position_m
+        error = run.runs[name].trajectory.position_m - measurements.tracks[name].position_m
         assert np.linalg.norm(error[3:], axis=1).max() < 0.2
     slam = NetworkGridSlam(room, agents=AGENTS, seed=1)
-    slam.step(heard.scan(0))
+    slam.step(measurements.scan(0))
     slam.save(tmp_path / "one.h5")
     again = NetworkGridSlam.resume(tmp_path / "one.h5")
-    slam.step(heard.scan(1))
-    again.step(heard.scan(1))
+    slam.step(measurements.scan(1))
+    again.step(measurements.scan(1))
     np.testing.assert_array_equal(slam.map().evidence, again.map().evidence)

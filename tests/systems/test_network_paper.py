@@ -25,8 +25,8 @@ def world():
 
 @pytest.mark.slow
 def test_clocks_and_labels_are_found_and_it_goes_on_bit_for_bit(world, tmp_path):
-    scene, heard, truth = world
-    run = map_network(scene, heard, seed=4, method="network-paper")
+    scene, measurements, truth = world
+    run = map_network(scene, measurements, seed=4, method="network-paper")
     error = without_common(run.clocks.errors(truth.clocks))
     assert (np.abs(error[-1]) < 4e-9).all()
     wrong, judged = label_errors(run.anchor, truth.source)
@@ -36,7 +36,7 @@ def test_clocks_and_labels_are_found_and_it_goes_on_bit_for_bit(world, tmp_path)
         off = run.runs[name].trajectory.position_m - truth.agents[name].trajectory.position_m
         assert np.linalg.norm(off, axis=1).max() < 2.0
     slam = PublishedNetworkSlam(scene, seed=4, agents=AGENTS)
-    for scan in heard:
+    for scan in measurements:
         if scan.step == STEPS - 1:
             slam.save(tmp_path / "a.h5")
             again = PublishedNetworkSlam.resume(tmp_path / "a.h5")

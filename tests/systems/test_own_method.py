@@ -27,7 +27,7 @@ SAMPLED = {
 }  # fmt: skip
 """Scenes whose samples a method takes."""
 SCENE = gs.Scene.from_toml(TINY, "tiny")
-HEARD = gs.simulate(SCENE, "agent1", seed=1)
+MEASUREMENTS = gs.simulate(SCENE, "agent1", seed=1)
 
 
 class Least:
@@ -47,11 +47,11 @@ def spoiled(**members):
     return type("Spoiled", (Least,), members)
 
 
-def one_line(said, *words):
-    assert said.code == 2, said
-    assert len(said.complaints) == 1, said.err
+def one_line(result, *words):
+    assert result.code == 2, result
+    assert len(result.complaints) == 1, result.err
     for word in words:
-        assert word in said.err
+        assert word in result.err
 
 
 @pytest.fixture
@@ -82,15 +82,15 @@ def test_example_follows_the_agent_and_is_short(example):
 @pytest.mark.slow
 def test_run_takes_it_from_the_working_folder_and_its_folder_reads_back(say, tiny, tmp_path, no_figures):
     shutil.copy(EXAMPLES / "own_method.py", tmp_path)
-    said = say("run", tiny, "--method", NAME, "-o", "r")
-    assert (said.code, said.err) == (0, "")
+    result = say("run", tiny, "--method", NAME, "-o", "r")
+    assert (result.code, result.err) == (0, "")
     assert json.loads((tmp_path / "r" / "run.json").read_text())["method"] == NAME
     assert say("plot", "r").code == 0
     assert say("report", "r", "--still").code == 0
     assert NAME in (tmp_path / "r" / "report.html").read_text()
     # the blank map is of the scene's frame, so our methods go on from it
-    said = say("run", tiny, "--agent", "agent2", "--map", "r/map.h5", "--method", "adaptive", "-o", "s")
-    assert (said.code, said.err) == (0, "")
+    result = say("run", tiny, "--agent", "agent2", "--map", "r/map.h5", "--method", "adaptive", "-o", "s")
+    assert (result.code, result.err) == (0, "")
 
 
 @pytest.mark.slow
@@ -99,9 +99,9 @@ def test_study_takes_it_in_fresh_worker_processes(say, tiny, tmp_path, monkeypat
     monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda *_: [])
     shutil.copy(EXAMPLES / "own_method.py", tmp_path)
     words = ("study", tiny, "--runs", 2, "--workers", 1, "--method", NAME, "-o", "s")
-    said = say(*words)
-    assert said.code == 0, said
-    assert "2 of 2 runs, 2 of them new" in said.out
+    result = say(*words)
+    assert result.code == 0, result
+    assert "2 of 2 runs, 2 of them new" in result.out
     assert NAME in (tmp_path / "s" / "summary.csv").read_text()
     assert "2 of 2 runs, 0 of them new" in say(*words).out
 
@@ -112,8 +112,8 @@ def test_bench_times_its_steps_alone(example, monkeypatch, say, tmp_path):
     assert [step.method for step in speed.steps] == [NAME] * len(QUICK.particles)
     assert all(step.step_ms > 0 and step.not_kernel_share == 1 for step in speed.steps)
     assert json.loads(speed.to_json())["start_up"] is None
-    said = say("bench", "--quick", "--method", NAME, "--json", "b.json")
-    assert (said.code, said.err) == (0, "")
+    result = say("bench", "--quick", "--method", NAME, "--json", "b.json")
+    assert (result.code, result.err) == (0, "")
     assert len(json.loads((tmp_path / "b.json").read_text())["steps"]) == len(QUICK.particles)
 
 
@@ -163,7 +163,7 @@ def test_a_method_without_start_at_is_told_its_start_by_the_scene():
 )
 def test_a_class_that_is_no_method_is_refused_in_one_line(method, says):
     with pytest.raises(gs.InputError, match=says) as told:
-        gs.map_scene(SCENE, HEARD, method)
+        gs.map_scene(SCENE, MEASUREMENTS, method)
     assert "\n" not in str(told.value)
 
 
@@ -214,10 +214,10 @@ def test_packages_enter_methods_by_entry_points(tmp_path, monkeypatch, entered, 
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.syspath_prepend(EXAMPLES)
     if says is None:
-        assert gs.map_scene(SCENE, HEARD, asked).method == asked
+        assert gs.map_scene(SCENE, MEASUREMENTS, asked).method == asked
         return
     with pytest.raises(gs.InputError, match=re.escape(says)):
-        gs.map_scene(SCENE, HEARD, asked)
+        gs.map_scene(SCENE, MEASUREMENTS, asked)
 
 
 def test_a_study_takes_a_class_by_name_and_refuses_one_that_workers_cannot_find():
@@ -233,7 +233,7 @@ def test_a_study_takes_a_class_by_name_and_refuses_one_that_workers_cannot_find(
 
 
 def test_estimates_made_by_hand_hold_what_they_are_given():
-    scan = next(iter(HEARD))
+    scan = next(iter(MEASUREMENTS))
     estimate = gs.Estimate.of_pose(scan, [1, 2], 3 * np.pi / 2, np.diag([1.0, 2.0, 3.0]))
     assert (estimate.step, estimate.time_s) == (scan.step, scan.time_s)
     assert estimate.heading_rad == pytest.approx(-np.pi / 2)

@@ -20,9 +20,9 @@ def world():
 
 @pytest.mark.slow
 def test_it_follows_its_agent_maps_for_every_anchor_and_goes_on_bit_for_bit(world, tmp_path):
-    scene, heard = world
+    scene, measurements = world
     slam, errors = PublishedVirtualAnchorSlam(scene, seed=5), []
-    for scan in heard:
+    for scan in measurements:
         if scan.step == STEPS - 2:
             slam.save(tmp_path / "a.h5")
             again = PublishedVirtualAnchorSlam.resume(tmp_path / "a.h5")
@@ -32,7 +32,7 @@ def test_it_follows_its_agent_maps_for_every_anchor_and_goes_on_bit_for_bit(worl
         np.testing.assert_array_equal(before[2].features.position, before[1])
         if scan.step >= STEPS - 2:
             np.testing.assert_array_equal(estimate.covariance, again.step(scan).covariance)
-        errors.append(np.linalg.norm(estimate.position_m - heard.truth.position_m[scan.step]))
+        errors.append(np.linalg.norm(estimate.position_m - measurements.truth.position_m[scan.step]))
     assert np.sqrt(np.mean(np.square(errors[5:]))) < 0.06
     owners = slam.map().surfaces.owner
     assert (np.bincount(owners, minlength=2) >= 3).all()

@@ -25,9 +25,9 @@ def world():
 @pytest.mark.slow
 @pytest.mark.parametrize("system", [gs.AdaptiveSlam, gs.GridSlam])
 def test_it_follows_maps_and_goes_on_bit_for_bit(system, world, tmp_path):
-    scene, heard = world
+    scene, measurements = world
     slam, errors = system(scene, seed=5), []
-    for scan in heard:
+    for scan in measurements:
         if scan.step == STEPS - 2:
             slam.save(tmp_path / "a.h5")
             again = system.resume(tmp_path / "a.h5")
@@ -38,7 +38,7 @@ def test_it_follows_maps_and_goes_on_bit_for_bit(system, world, tmp_path):
         np.testing.assert_array_equal(before.samples.lines, kept[1])
         if scan.step >= STEPS - 2:
             np.testing.assert_array_equal(estimate.covariance, again.step(scan).covariance)
-        errors.append(np.linalg.norm(estimate.position_m - heard.truth.position_m[scan.step]))
+        errors.append(np.linalg.norm(estimate.position_m - measurements.truth.position_m[scan.step]))
     assert np.sqrt(np.mean(np.square(errors[5:]))) < 0.06
     assert estimate.detected.sum() >= 4
     np.testing.assert_array_equal(slam.state.samples.identity, slam.state.surfaces.identity)

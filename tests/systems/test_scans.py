@@ -12,7 +12,7 @@ from gridslam.inference.management.poses import pose_fix
 from gridslam.systems.registry import METHODS, method_class
 
 SCENE = gs.Scene.load("room").with_filter(particles=128)
-HEARD = list(gs.simulate(SCENE, "agent1", 1))
+SCANS = list(gs.simulate(SCENE, "agent1", 1))
 
 
 def changed(name, row, value):
@@ -51,13 +51,13 @@ def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
     methods = sorted(name for name, entry in METHODS.items() if entry.takes == "paths" and not entry.several)
     method = method_class(methods[len(case) % len(methods)])
     one, two = method(SCENE, seed=1), method(SCENE, seed=1)
-    for scan in HEARD[:3]:
+    for scan in SCANS[:3]:
         one.step(scan)
         two.step(scan)
     with pytest.raises(gs.InputError, match=says) as told:
-        one.step(spoil(HEARD[3]))
+        one.step(spoil(SCANS[3]))
     assert "\n" not in str(told.value)
-    for scan in HEARD[3:5]:
+    for scan in SCANS[3:5]:
         here, there = one.step(scan), two.step(scan)
         np.testing.assert_array_equal(here.position_m, there.position_m)
         np.testing.assert_array_equal(here.covariance, there.covariance)
@@ -66,9 +66,9 @@ def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
 def test_lists_will_do_and_a_second_scan_of_one_moment():
     one, two = gs.GridSlam(SCENE, seed=1), gs.GridSlam(SCENE, seed=1)
     names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
-    listed = replace(HEARD[0], **{name: getattr(HEARD[0], name).tolist() for name in names})
-    np.testing.assert_array_equal(one.step(HEARD[0]).position_m, two.step(listed).position_m)
-    assert np.isfinite(one.step(replace(HEARD[1], time_s=HEARD[0].time_s)).covariance).all()
+    listed = replace(SCANS[0], **{name: getattr(SCANS[0], name).tolist() for name in names})
+    np.testing.assert_array_equal(one.step(SCANS[0]).position_m, two.step(listed).position_m)
+    assert np.isfinite(one.step(replace(SCANS[1], time_s=SCANS[0].time_s)).covariance).all()
     one.step(gs.Scan(2, 2.0, [], [], [], [], []))
 
 
@@ -81,7 +81,7 @@ def test_a_scene_without_agents_is_refused(method):
 
 def loud_scan(count):
     """What one anchor's line of sight and `count` other loud paths from anywhere would be heard as."""
-    draw, first = np.random.default_rng(1), HEARD[0]
+    draw, first = np.random.default_rng(1), SCANS[0]
     more = (
         np.zeros(count, np.intp), draw.uniform(1, 20, count), *draw.uniform(-3, 3, (2, count)),
         draw.uniform(5, 20, count),
@@ -102,7 +102,7 @@ def test_too_many_loud_paths_cost_little_memory_and_are_told():
         np.full((4, 2), np.nan), np.arange(4),
     )  # fmt: skip
     known = replace(blank, surfaces=surfaces, surface_reflection=None)
-    gs.GridSlam(vague, known, seed=1).step(HEARD[0])  # whatever is made once
+    gs.GridSlam(vague, known, seed=1).step(SCANS[0])  # whatever is made once
     slam, scan = gs.GridSlam(vague, known, seed=1), loud_scan(400)
     tracemalloc.start()
     try:
@@ -115,7 +115,7 @@ def test_too_many_loud_paths_cost_little_memory_and_are_told():
     assert "loud paths of one anchor: 30 of them propose poses" in estimate.health.why
     assert not estimate.health.ok
     assert np.isfinite(estimate.covariance).all()
-    assert "propose" not in gs.GridSlam(vague, seed=1).step(HEARD[0]).health.why
+    assert "propose" not in gs.GridSlam(vague, seed=1).step(SCANS[0]).health.why
 
 
 @pytest.mark.slow
@@ -125,5 +125,5 @@ def test_poses_score_alike_in_blocks_of_any_size(monkeypatch):
     vague, found = gs.Scene.checked(data, "room"), []
     for block in (50, 10**9):
         monkeypatch.setattr(pose_fix, "BLOCK", block)
-        found.append(gs.GridSlam(vague, seed=1).step(HEARD[0]).position_m)
+        found.append(gs.GridSlam(vague, seed=1).step(SCANS[0]).position_m)
     np.testing.assert_allclose(*found, atol=1e-9)

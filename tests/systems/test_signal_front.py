@@ -20,29 +20,32 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def heard(scene):
+def recording(scene):
     return gs.simulate(scene, "me", 1, what="signal")
 
 
-def test_a_filter_on_samples_follows_its_agent_and_says_so(scene, heard):
-    slam = EchoFilter(scene, waveform=heard.waveform)
-    off = [np.linalg.norm(slam.step(scan).position_m - heard.truth.position_m[scan.step]) for scan in heard]
+def test_a_filter_on_samples_follows_its_agent_and_says_so(scene, recording):
+    slam = EchoFilter(scene, waveform=recording.waveform)
+    off = [
+        np.linalg.norm(slam.step(scan).position_m - recording.truth.position_m[scan.step])
+        for scan in recording
+    ]
     assert max(off) < 0.15
-    assert slam.info == {"heard": 1}
-    assert slam.state.step == len(heard)
+    assert slam.info == {"anchors": 1}
+    assert slam.state.step == len(recording)
     assert slam.map().shape == scene.grid.shape
 
 
-def test_it_goes_on_from_its_checkpoint_bit_for_bit_with_its_waveform(scene, heard, tmp_path):
-    noisy = replace(heard.waveform, noise_std=np.array([2.0]))
+def test_it_goes_on_from_its_checkpoint_bit_for_bit_with_its_waveform(scene, recording, tmp_path):
+    noisy = replace(recording.waveform, noise_std=np.array([2.0]))
     slam = EchoFilter(scene, waveform=noisy, seed=3)
-    slam.step(heard.scan(0))
+    slam.step(recording.scan(0))
     slam.save(tmp_path / "a.h5")
     again = EchoFilter.resume(tmp_path / "a.h5")
     assert again.waveform.noise_std.tolist() == [2.0]
     assert np.array_equal(again.waveform.offset_hz, noisy.offset_hz)
     assert again.state.levels[0].noise == slam.state.levels[0].noise
-    for scan in (heard.scan(1), heard.scan(2)):
+    for scan in (recording.scan(1), recording.scan(2)):
         assert np.array_equal(slam.step(scan).covariance, again.step(scan).covariance)
     assert np.array_equal(slam.state.mean, again.state.mean)
     assert slam.now.identity == again.now.identity
@@ -54,7 +57,7 @@ def test_a_state_without_some_of_its_parts_comes_back_without_them(scene, tmp_pa
     slam = EchoFilter(scene)
     slam.save(tmp_path / "a.h5")
     state = EchoFilter.resume(tmp_path / "a.h5").state
-    assert (state.time_s, state.levels[0].noise, state.levels[0].heard) == (None, None, 0)
+    assert (state.time_s, state.levels[0].noise, state.levels[0].count) == (None, None, 0)
 
 
 @pytest.mark.parametrize(
@@ -80,32 +83,32 @@ def test_a_checkpoint_that_cannot_be_is_refused(scene, tmp_path, monkeypatch, na
         EchoFilter.resume(tmp_path / "a.h5")
 
 
-def test_the_other_kind_of_observation_is_refused_by_its_name(scene, heard):
+def test_the_other_kind_of_observation_is_refused_by_its_name(scene, recording):
     paths = gs.simulate(scene, "me", 1)
     with pytest.raises(InputError, match=r"EchoFilter.step.*path measurements"):
         EchoFilter(scene).step(paths.scan(0))
     slam = gs.GridSlam(scene)
     before = slam.state
     with pytest.raises(InputError, match=r"GridSlam.step.*sampled signals.*extract"):
-        slam.step(heard.scan(0))
+        slam.step(recording.scan(0))
     assert slam.state is before
 
 
-def test_scans_that_make_no_sense_leave_the_state_alone(scene, heard):
+def test_scans_that_make_no_sense_leave_the_state_alone(scene, recording):
     slam = EchoFilter(scene)
-    slam.step(heard.scan(1))
+    slam.step(recording.scan(1))
     before = slam.state
-    for wrong in (heard.scan(0), replace(heard.scan(2), samples=np.ones((1, 1, 1, 40)))):
+    for wrong in (recording.scan(0), replace(recording.scan(2), samples=np.ones((1, 1, 1, 40)))):
         with pytest.raises(InputError, match=r"time_s|shape"):
             slam.step(wrong)
     assert slam.state is before
 
 
-def test_a_start_is_told_before_the_first_step_alone(scene, heard):
+def test_a_start_is_told_before_the_first_step_alone(scene, recording):
     slam = EchoFilter(scene)
     slam.start_at([3.05, 4.0], 0.0)
     assert slam.state.mean[:2].tolist() == [3.05, 4.0]
-    slam.step(heard.scan(0))
+    slam.step(recording.scan(0))
     with pytest.raises(InputError, match="before the first"):
         slam.start_at([3.0, 4.0], 0.0)
 
@@ -118,9 +121,9 @@ def test_a_waveform_must_be_of_the_scenes_anchors_and_there(scene):
         EchoFilter(scene, waveform=two)
 
 
-def test_the_identity_of_a_run_is_that_of_its_samples(scene, heard):
+def test_the_identity_of_a_run_is_that_of_its_samples(scene, recording):
     one, two, other = (EchoFilter(scene) for _ in range(3))
-    for slam, scan in ((one, heard.scan(0)), (two, heard.scan(0))):
+    for slam, scan in ((one, recording.scan(0)), (two, recording.scan(0))):
         slam.step(scan)
-    other.step(replace(heard.scan(0), samples=2 * heard.scan(0).samples))
+    other.step(replace(recording.scan(0), samples=2 * recording.scan(0).samples))
     assert one.now.identity == two.now.identity != other.now.identity

@@ -22,11 +22,11 @@ WALL = {"material": "concrete", "points_m": [[-6.0, 6.0], [6.0, 6.0]]}
 SCENE = sampled_scene([WALL], {"snr_at_1m_db": 60.0}, prior={"position_m": 0.1, "velocity_mps": 0.01})
 
 
-def one_line(said, *words):
-    assert said.code == 2, said
-    assert len(said.complaints) == 1, said.err
+def one_line(result, *words):
+    assert result.code == 2, result
+    assert len(result.complaints) == 1, result.err
     for word in words:
-        assert word in said.err
+        assert word in result.err
 
 
 @pytest.fixture
@@ -34,32 +34,32 @@ def files(say, tmp_path):
     """A scene, what was received in it, and the method, in a folder."""
     (tmp_path / "scene.toml").write_text(SCENE.to_toml())
     shutil.copy(HELPERS / "echo_slam.py", tmp_path)
-    said = say("simulate", "scene.toml", "--signal", "--seed", 2, "-o", "z.h5")
-    assert (said.code, said.out) == (0, "wrote z.h5: 3 steps, samples 1 x 1 x 1 x 41\n")
+    result = say("simulate", "scene.toml", "--signal", "--seed", 2, "-o", "z.h5")
+    assert (result.code, result.out) == (0, "wrote z.h5: 3 steps, samples 1 x 1 x 1 x 41\n")
     return tmp_path
 
 
 def test_map_scene_takes_a_recording_and_hands_over_its_waveform():
-    heard = gs.simulate(SCENE, "me", 2, what="signal")
-    run = gs.map_scene(SCENE, heard, EchoFilter)
+    measurements = gs.simulate(SCENE, "me", 2, what="signal")
+    run = gs.map_scene(SCENE, measurements, EchoFilter)
     assert run.method == "echo_slam:EchoFilter"
     assert run.score(gs.ground_truth(SCENE, "me"))["position_rmse_m"] < 0.15
 
 
 def test_map_scene_refuses_the_other_kind():
-    heard = gs.simulate(SCENE, "me", 2, what="signal")
+    recording = gs.simulate(SCENE, "me", 2, what="signal")
     with pytest.raises(InputError, match=r"method 'grid': found sampled signals.*extract"):
-        gs.map_scene(SCENE, heard)
+        gs.map_scene(SCENE, recording)
     with pytest.raises(InputError, match=r"echo_slam:EchoFilter.*path measurements.*Recording"):
         gs.map_scene(SCENE, gs.simulate(SCENE, "me"), EchoFilter)
-    other = gs.Recording.from_arrays(heard.samples, 6e9, heard.waveform.offset_hz, ["B"])
+    other = gs.Recording.from_arrays(recording.samples, 6e9, recording.waveform.offset_hz, ["B"])
     with pytest.raises(InputError, match="anchors"):
         gs.map_scene(SCENE, other, EchoFilter)
 
 
 def test_run_simulates_what_the_method_takes_and_its_folder_reads_back(say, files, no_figures):
-    said = say("run", "scene.toml", "--method", NAME, "-o", "r")
-    assert (said.code, said.err) == (0, "")
+    result = say("run", "scene.toml", "--method", NAME, "-o", "r")
+    assert (result.code, result.err) == (0, "")
     assert {"signal.h5", "trajectory.tum", "truth.tum"} <= {
         path.name for path in (files / "r" / "me").iterdir()
     }
@@ -70,8 +70,8 @@ def test_run_simulates_what_the_method_takes_and_its_folder_reads_back(say, file
 
 
 def test_run_takes_a_file_and_names_it_with_its_checksum(say, files, no_figures):
-    said = say("run", "scene.toml", "--method", NAME, "--signal", "z.h5", "-o", "r")
-    assert (said.code, said.err) == (0, "")
+    result = say("run", "scene.toml", "--method", NAME, "--signal", "z.h5", "-o", "r")
+    assert (result.code, result.err) == (0, "")
     summary = json.loads((files / "r" / "run.json").read_text())
     content = hashlib.sha256((files / "z.h5").read_bytes()).hexdigest()
     assert summary["source"] == {"file": "z.h5", "sha256": content}
@@ -122,9 +122,9 @@ def test_simulate_refuses_what_no_recording_holds(say, files):
 def test_study_simulates_samples(say, files, monkeypatch):
     pytest.importorskip("joblib")
     monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda *_: [])
-    said = say("study", "scene.toml", "--runs", 1, "--workers", 1, "--method", NAME, "-o", "s")
-    assert said.code == 0, said
-    assert "1 of 1 runs, 1 of them new" in said.out
+    result = say("study", "scene.toml", "--runs", 1, "--workers", 1, "--method", NAME, "-o", "s")
+    assert result.code == 0, result
+    assert "1 of 1 runs, 1 of them new" in result.out
 
 
 @pytest.mark.slow
@@ -147,9 +147,9 @@ def test_a_class_on_samples_must_take_a_waveform():
         def map(self):
             return None
 
-    heard = gs.simulate(SCENE, "me", what="signal")
+    measurements = gs.simulate(SCENE, "me", what="signal")
     with pytest.raises(InputError, match=r"constructor.*waveform=None"):
-        gs.map_scene(SCENE, heard, Least)
+        gs.map_scene(SCENE, measurements, Least)
     Least.takes = "sound"
     with pytest.raises(InputError, match=r"takes.*'sound'"):
-        gs.map_scene(SCENE, heard, Least)
+        gs.map_scene(SCENE, measurements, Least)

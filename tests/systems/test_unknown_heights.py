@@ -105,14 +105,14 @@ def test_bounds_know_of_unknown_heights():
 
 def test_estimates_of_heights_are_written_and_go_on_from_a_checkpoint(tmp_path):
     scene = unsure(BOTH, 0.05, None, 0.05)
-    heard, slam = gs.simulate(scene, "agent1", 3), gs.AdaptiveSlam(scene, seed=1)
-    first = [slam.step(heard.scan(step)) for step in range(3)]
+    measurements, slam = gs.simulate(scene, "agent1", 3), gs.AdaptiveSlam(scene, seed=1)
+    first = [slam.step(measurements.scan(step)) for step in range(3)]
     assert set(first[0].heights) == {"agent", "ceiling"}
     stds = np.array([estimate.heights["agent"][1] for estimate in first])
     assert (np.diff(stds) < 0).all()
     slam.save(tmp_path / "at3.h5")
     again = gs.AdaptiveSlam.resume(tmp_path / "at3.h5")
-    one, other = slam.step(heard.scan(3)), again.step(heard.scan(3))
+    one, other = slam.step(measurements.scan(3)), again.step(measurements.scan(3))
     np.testing.assert_array_equal(one.covariance, other.covariance)
     assert one.heights == other.heights
     write_steps(tmp_path / "steps.h5", [*first, one])

@@ -37,16 +37,16 @@ def scene_of(walls):
 
 @pytest.fixture(scope="module", params=[True, False], ids=["walls", "no walls"])
 def run_folder(request, tmp_path_factory):
-    heard = gs.simulate(scene_of(True), "agent1", 1)
+    measurements = gs.simulate(scene_of(True), "agent1", 1)
     scene = scene_of(request.param)
     if not request.param:  # as from a file of one's own
         path = tmp_path_factory.mktemp("heard") / "a.csv"
-        heard.to_csv(path)
-        heard = gs.Measurements.from_csv(path, scene.anchor_names)
-    run = gs.map_scene(scene, heard, seed=1)
+        measurements.to_csv(path)
+        measurements = gs.Measurements.from_csv(path, scene.anchor_names)
+    run = gs.map_scene(scene, measurements, seed=1)
     score = run.score(gs.ground_truth(scene, "agent1") if request.param else None)
     folder = tmp_path_factory.mktemp("run") / "out"
-    write_run(folder, scene, [run], [heard], [score], {})
+    write_run(folder, scene, [run], [measurements], [score], {})
     return folder
 
 

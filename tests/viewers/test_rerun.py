@@ -45,19 +45,19 @@ def nothing_computed(monkeypatch):
 def test_without_the_package_one_line_says_what_to_install(
     say, short_room, no_package, nothing_computed, tmp_path, words
 ):
-    said = say("run", short_room, "-o", "out", *words)
-    assert said.code == 2
-    assert len(said.complaints) == 1
-    assert "pip install 'gridslam[rerun]'" in said.err
+    result = say("run", short_room, "-o", "out", *words)
+    assert result.code == 2
+    assert len(result.complaints) == 1
+    assert "pip install 'gridslam[rerun]'" in result.err
     assert [path.name for path in tmp_path.iterdir()] == ["short.toml"]
 
 
 def test_another_package_of_that_name_is_not_taken_for_it(say, short_room, nothing_computed, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", type(sys)("rerun"))
-    said = say("run", short_room, "-o", "out", "--rerun")
-    assert said.code == 2
-    assert len(said.complaints) == 1
-    assert "pip install" in said.err
+    result = say("run", short_room, "-o", "out", "--rerun")
+    assert result.code == 2
+    assert len(result.complaints) == 1
+    assert "pip install" in result.err
 
 
 @pytest.fixture(scope="module")
@@ -79,9 +79,9 @@ def test_target_that_cannot_be_had_is_refused_before_the_run(
             ("there.rrd", "new name"),
             ("none/a.rrd", "a.rrd"),
         ):
-            said = say("run", short_room, "-o", "out", "--rerun-to", where)
-            assert (said.code, len(said.complaints)) == (2, 1), said
-            assert word in said.err
+            result = say("run", short_room, "-o", "out", "--rerun-to", where)
+            assert (result.code, len(result.complaints)) == (2, 1), result
+            assert word in result.err
     assert (tmp_path / "there.rrd").read_bytes() == b"mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["short.toml", "there.rrd"]
 
@@ -89,9 +89,9 @@ def test_target_that_cannot_be_had_is_refused_before_the_run(
 def test_viewer_that_falls_over_is_one_line(rerun, say, short_room, nothing_computed, monkeypatch):
     monkeypatch.setattr("gridslam.viewers.rerun_target._answers", lambda host, port: False)
     monkeypatch.setattr("gridslam.viewers.rerun_target.sys.executable", which("false"))
-    said = say("run", short_room, "-o", "out", "--rerun")
-    assert (said.code, len(said.complaints)) == (2, 1)
-    assert "--rerun-to" in said.err
+    result = say("run", short_room, "-o", "out", "--rerun")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "--rerun-to" in result.err
 
 
 def test_recording_of_what_failed_is_not_kept(rerun, tmp_path):
@@ -252,8 +252,8 @@ def test_world_stands_still(session, recorded):
 
 
 def test_finished_run_is_shown_again(session, say, recorded):
-    said = say("plot", session / "out", "--rerun-to", "again.rrd")
-    assert (said.code, said.err) == (0, "")
+    result = say("plot", session / "out", "--rerun-to", "again.rrd")
+    assert (result.code, result.err) == (0, "")
     again = Recorded("again.rrd")
     assert again.rows["world/paths"] == recorded.rows["world/paths"]
     assert again.rows["world/map"][-1] == recorded.rows["world/map"][-1]
@@ -265,8 +265,8 @@ def test_several_agents_at_once_share_the_steps(rerun, say, no_figures, tmp_path
     agents = [agent | {"steps": 2} for agent in whole["agents"][:2]]
     scene = gs.Scene.checked(whole | {"filter": {"particles": 100}, "agents": agents}, "short")
     (tmp_path / "short.toml").write_text(scene.to_toml())
-    said = say("run", "short.toml", "--method", "network", "-o", "out", "--rerun-to", "a.rrd")
-    assert said.code == 0, said.err
+    result = say("run", "short.toml", "--method", "network", "-o", "out", "--rerun-to", "a.rrd")
+    assert result.code == 0, result.err
     shown = Recorded("a.rrd")
     for name, found in read_run("out").agents.items():
         for now in found.estimates:

@@ -39,7 +39,7 @@ def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
         assert Scene.from_toml(scene.to_toml()) == scene
 
 
-def heard(name, agent, above):
+def loud_bounces(name, agent, above):
     """Surface (by wall entry) of every single and double bounce stronger than `above`, per step."""
     scene = Scene.load(name)
     paths, walls = true_paths(scene, agent), scene.segments()
@@ -53,7 +53,7 @@ def steps_of(paths, rows):
 
 
 def test_room_hears_every_wall_at_every_step():
-    scene, paths, _, loud = heard("room", "agent1", 2.0)
+    scene, paths, _, loud = loud_bounces("room", "agent1", 2.0)
     surface = scene.segments().surface[paths.segment[:, 0]]
     assert len(scene.track("agent1")) == 150
     for number in range(4):
@@ -62,7 +62,7 @@ def test_room_hears_every_wall_at_every_step():
 
 
 def test_alcove_floor_is_known_by_double_bounces_alone_until_step_126():
-    _, paths, entry, loud = heard("alcove", "agent1", 2.45)
+    _, paths, entry, loud = loud_bounces("alcove", "agent1", 2.45)
     floor = (entry == 2).any(axis=1)
     single = steps_of(paths, (paths.bounces == 1) & floor)  # however weak
     assert single[0] == 126
@@ -78,7 +78,7 @@ def test_alcove_floor_is_known_by_double_bounces_alone_until_step_126():
 @pytest.mark.slow
 @pytest.mark.parametrize("agent", ["agent1", "agent2"])
 def test_canyon_is_heard_well_enough_to_map(agent):
-    scene, paths, entry, loud = heard("canyon", agent, 3.0)
+    scene, paths, entry, loud = loud_bounces("canyon", agent, 3.0)
     steps, sight = len(scene.track(agent)), (paths.bounces == 0) & loud
     seen = np.zeros((steps, 3), bool)
     seen[paths.step[sight], paths.anchor[sight]] = True
@@ -110,7 +110,7 @@ def test_canyon_tracks_overlap_only_in_part():
 
 @pytest.mark.slow
 def test_hall_shows_one_anchor_for_100_steps_then_none_for_40():
-    scene, paths, _, loud = heard("hall", "agent1", 3.0)
+    scene, paths, _, loud = loud_bounces("hall", "agent1", 3.0)
     assert len(scene.track("agent1")) == 450
     sight = np.zeros((450, 2), bool)
     rows = paths.bounces == 0
@@ -128,7 +128,7 @@ def test_hall_shows_one_anchor_for_100_steps_then_none_for_40():
 
 @pytest.mark.slow
 def test_hall_pillars_and_shelves_are_heard_at_least_for_a_while():
-    _, paths, entry, loud = heard("hall", "agent1", 2.5)
+    _, paths, entry, loud = loud_bounces("hall", "agent1", 2.5)
     for wall in range(1, 5):
         rows = loud & (paths.bounces == 1) & (entry[:, 0] == wall)
         assert len(steps_of(paths, rows)) >= 5, wall
@@ -136,7 +136,7 @@ def test_hall_pillars_and_shelves_are_heard_at_least_for_a_while():
 
 @pytest.mark.slow
 def test_seminar_is_heard_by_distances_of_sight_and_single_bounces_alone():
-    scene, paths, entry, _ = heard("seminar", "agent1", 0.0)
+    scene, paths, entry, _ = loud_bounces("seminar", "agent1", 0.0)
     assert scene.radio.measures == ("distance",)
     assert len(scene.track("agent1")) == 900
     assert set(paths.bounces) == {0, 1}
@@ -158,7 +158,7 @@ def test_seminar_crosses_the_line_between_its_anchors():
 
 @pytest.mark.slow
 def test_overlap_has_paths_closer_than_its_resolution_most_of_the_time():
-    scene, paths, _, _ = heard("overlap", "agent1", 0.0)
+    scene, paths, _, _ = loud_bounces("overlap", "agent1", 0.0)
     waveform = scene.waveform("agent1")
     assert len(scene.track("agent1")) == 679
     assert waveform.shape == (2, 1, 1, 41)
@@ -176,7 +176,7 @@ def test_overlap_has_paths_closer_than_its_resolution_most_of_the_time():
 
 
 def test_screen_hides_the_line_of_sight_and_it_alone_in_the_middle():
-    scene, paths, entry, _ = heard("screen", "agent1", 0.0)
+    scene, paths, entry, _ = loud_bounces("screen", "agent1", 0.0)
     assert len(scene.track("agent1")) == 190
     seen = steps_of(paths, paths.bounces == 0)
     assert np.setdiff1d(np.arange(190), seen).tolist() == list(range(68, 127))
@@ -190,11 +190,11 @@ def test_screen_hides_the_line_of_sight_and_it_alone_in_the_middle():
 def test_annex_hides_anchors_from_its_agents():
     """Out of sight for more than a third of the way: anchor A of agent1, B of agent2; the glass is heard."""
     for agent, anchor in (("agent1", 0), ("agent2", 1)):
-        scene, paths, _, _ = heard("annex", agent, 2.0)
+        scene, paths, _, _ = loud_bounces("annex", agent, 2.0)
         assert len(scene.track(agent)) == 300
         seen = (paths.bounces == 0) & (paths.anchor == anchor)
         assert 100 < len(steps_of(paths, seen)) < 200
-    glass = heard("annex", "agent1", 2.0)[2]
+    glass = loud_bounces("annex", "agent1", 2.0)[2]
     assert (glass == 2).any()
 
 
@@ -211,7 +211,7 @@ def test_scatter_hides_the_sight_and_has_more_power_in_scatterers_than_in_it():
 
 
 def test_ceiling_leads_right_under_an_anchor_and_stays_below_them():
-    scene, paths, _, _ = heard("ceiling", "agent1", 2.0)
+    scene, paths, _, _ = loud_bounces("ceiling", "agent1", 2.0)
     steep = np.arcsin(scene.heights("agent1")[paths.anchor] / paths.distance_m)
     sight = paths.bounces == 0
     assert np.degrees(steep[sight].max()) > 85
@@ -221,7 +221,7 @@ def test_ceiling_leads_right_under_an_anchor_and_stays_below_them():
 
 @pytest.mark.slow
 def test_facade_sends_a_crowd_of_paths_of_one_anchor_where_the_others_are_hidden():
-    _, paths, entry, loud = heard("facade", "agent1", 2.5)
+    _, paths, entry, loud = loud_bounces("facade", "agent1", 2.5)
     rows = loud & (paths.anchor == 1) & (paths.bounces == 1) & (entry[:, 0] == 1)
     crowd = np.bincount(paths.step[rows], minlength=220)
     assert crowd.max() >= 20
@@ -231,7 +231,7 @@ def test_facade_sends_a_crowd_of_paths_of_one_anchor_where_the_others_are_hidden
 
 
 def test_pillars_hide_both_anchors_at_once_where_faint_walls_alone_are_heard():
-    scene, paths, entry, _ = heard("pillars", "agent1", 2.5)
+    scene, paths, entry, _ = loud_bounces("pillars", "agent1", 2.5)
     steps = scene.agents[0].steps
     hidden = np.setdiff1d(np.arange(steps), paths.step[paths.bounces == 0])
     np.testing.assert_array_equal(hidden, np.arange(125, 168))

@@ -80,9 +80,9 @@ def test_azimuths_are_as_rough_as_a_steep_path_leaves_them():
     radio, paths = scene.signal_model("agent1"), true_paths(scene, "agent1")
     gaps = []
     for seed in range(20):
-        heard, cause = simulate_labelled(scene, "agent1", seed)
+        measurements, cause = simulate_labelled(scene, "agent1", seed)
         rows = cause >= 0
-        own, gap = cause[rows], heard.aoa_rad[rows] - paths.aoa_rad[cause[rows]]
+        own, gap = cause[rows], measurements.aoa_rad[rows] - paths.aoa_rad[cause[rows]]
         steep = np.sqrt(1 - (3.0 / paths.distance_m[own]) ** 2)
         std = radio.angle_std(paths.amplitude[own], paths.aoa_rad[own], radio.agent_aperture) / steep
         gaps.append((np.remainder(gap + np.pi, 2 * np.pi) - np.pi) / std)

@@ -77,11 +77,11 @@ def test_anchor_and_scene_with_any_name_are_refused_at_once_or_survive_all_files
     except InputError:
         return
     assert Scene.from_toml(scene.to_toml(), "again.toml") == scene
-    heard = Measurements(**table(4, anchors=scene.anchor_names))
-    heard.to_h5(tmp_path / "a.h5")
-    heard.to_csv(tmp_path / "a.csv")
-    assert Measurements.from_h5(tmp_path / "a.h5").anchors == heard.anchors
-    assert Measurements.from_csv(tmp_path / "a.csv").anchors == heard.anchors
+    measurements = Measurements(**table(4, anchors=scene.anchor_names))
+    measurements.to_h5(tmp_path / "a.h5")
+    measurements.to_csv(tmp_path / "a.csv")
+    assert Measurements.from_h5(tmp_path / "a.h5").anchors == measurements.anchors
+    assert Measurements.from_csv(tmp_path / "a.csv").anchors == measurements.anchors
 
 
 @pytest.mark.parametrize("name", ["=cmd|'/c calc'!A1", "+1", "-1", "@SUM(1)", "a\0", "\ta", " a"])
@@ -112,9 +112,9 @@ def test_everything_in_a_runs_folder_is_no_name_for_an_agent(say, no_figures):
     assert {"run.json", "report.html", "map.h5"} <= own
     for name in (*own, *(word.upper() for word in own)):
         Path("bad.toml").write_text(tomli_w.dumps(named(name)))
-        said = say("check", "bad.toml")
-        assert (said.code, len(said.complaints)) == (2, 1)
-        assert "bad.toml: agents[0].name" in said.err
+        result = say("check", "bad.toml")
+        assert (result.code, len(result.complaints)) == (2, 1)
+        assert "bad.toml: agents[0].name" in result.err
 
 
 @pytest.mark.parametrize("outside", ["../evil", "absolute"])
@@ -131,7 +131,7 @@ def test_agent_in_run_json_leads_nowhere_else(say, tmp_path, monkeypatch, outsid
     Path("out/run.json").write_text(json.dumps(summary))
     before = sorted(tmp_path.rglob("*"))
     for command in (("report", "out"), ("plot", "out"), ("check", "out")):
-        said = say(*command)
-        assert (said.code, len(said.complaints)) == (2, 1)
-        assert "run.json: agents" in said.err
+        result = say(*command)
+        assert (result.code, len(result.complaints)) == (2, 1)
+        assert "run.json: agents" in result.err
     assert sorted(tmp_path.rglob("*")) == before

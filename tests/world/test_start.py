@@ -106,14 +106,16 @@ def test_a_drawn_start_stays_in_the_region_and_an_exact_one_is_the_scenes(scene)
 
 
 def test_the_filter_begins_where_it_is_told(scene):
-    heard, start = gs.simulate(scene, "agent1", 1), assumed_start(scene, "agent1", 1)
+    measurements, start = gs.simulate(scene, "agent1", 1), assumed_start(scene, "agent1", 1)
     slam = gs.GridSlam(scene, seed=1)
     slam.start_at(start.position_m, start.heading_rad)
     np.testing.assert_array_equal(slam.state.belief.mean, [*start.position_m, 0, 0, start.heading_rad])
-    told = gs.map_scene(scene, heard, seed=1, start=start)
-    own = gs.map_scene(scene, heard, seed=1)
+    told = gs.map_scene(scene, measurements, seed=1, start=start)
+    own = gs.map_scene(scene, measurements, seed=1)
     assert (told.start, own.start) == ("drawn", "exact")
-    np.testing.assert_array_equal(told.trajectory.position_m, [slam.step(scan).position_m for scan in heard])
+    np.testing.assert_array_equal(
+        told.trajectory.position_m, [slam.step(scan).position_m for scan in measurements]
+    )
     assert (told.trajectory.position_m != own.trajectory.position_m).any()
     with pytest.raises(gs.InputError, match="start: found told after 3 steps; allowed: before the first"):
         slam.start_at(start.position_m, 0.0)
@@ -123,12 +125,12 @@ def test_the_filter_begins_where_it_is_told(scene):
 
 @pytest.mark.slow
 def test_a_run_says_which_start_was_told(file, tmp_path, no_figures, monkeypatch, capsys):
-    heard = tmp_path / "heard.csv"
-    assert call(monkeypatch, ["simulate", file, "-o", heard]) == 0
+    measurements = tmp_path / "heard.csv"
+    assert call(monkeypatch, ["simulate", file, "-o", measurements]) == 0
     told = {}
     for name, more in {
         "default": [], "drawn": ["--start", "drawn"], "exact": ["--start", "exact"],
-        "recorded": ["--measurements", heard],
+        "recorded": ["--measurements", measurements],
     }.items():  # fmt: skip
         assert call(monkeypatch, ["run", file, "--agent", "agent1", "-o", tmp_path / name, *more]) == 0
         told[name] = json.loads((tmp_path / name / "run.json").read_text())
@@ -141,7 +143,7 @@ def test_a_run_says_which_start_was_told(file, tmp_path, no_figures, monkeypatch
     rmse = {name: summary["agents"]["agent1"]["position_rmse_m"] for name, summary in told.items()}
     assert rmse["default"] == rmse["drawn"] != rmse["exact"]
     capsys.readouterr()
-    for words in (["--start", "vague"], ["--measurements", heard, "--start", "drawn"]):
+    for words in (["--start", "vague"], ["--measurements", measurements, "--start", "drawn"]):
         assert call(monkeypatch, ["run", file, "--agent", "agent1", "-o", tmp_path / "none", *words]) == 2
         assert capsys.readouterr().err.startswith("error: --start")
 

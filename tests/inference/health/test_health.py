@@ -30,8 +30,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 @pytest.fixture(scope="module")
 def followed(room):
     """Estimates of forty steps, ten of them silent from step 20 on."""
-    slam, heard = gs.GridSlam(room.believed, seed=1), disturbances.silence(room, 20, 10).measurements
-    return [slam.step(heard.scan(step)) for step in range(40)]
+    slam, measurements = gs.GridSlam(room.believed, seed=1), disturbances.silence(room, 20, 10).measurements
+    return [slam.step(measurements.scan(step)) for step in range(40)]
 
 
 def numbers(health):
@@ -68,14 +68,14 @@ def test_a_filter_that_never_hears_anything_says_so_and_gives_no_nan(room):
 
 
 def test_complaints_keep_figures_and_names():
-    said = [
+    reasons = [
         "anchor A1 seems turned by -4.5 degrees; nothing heard for 5 steps",
         "anchor A1 seems turned by -6.0 degrees",
         "anchor A1 seems turned by -3.0 degrees",
         "anchor A2 seems turned by 2.0 degrees",
         "",
     ]
-    estimates = [SimpleNamespace(health=Health(not why, why)) for why in said]
+    estimates = [SimpleNamespace(health=Health(not why, why)) for why in reasons]
     assert list(complaints(estimates).items()) == [
         ("anchor A1 seems turned by -4.5 degrees, median of -6.0 to -3.0", 3),
         ("nothing heard for 5 steps", 1),
@@ -88,13 +88,13 @@ def test_run_tells_the_figure_and_the_anchor_by_name(say, no_figures, tmp_path):
     scene = gs.Scene.load("room")
     data = scene.model_dump(exclude_none=True)
     data["agents"] = [{**data["agents"][0], "steps": 40}]
-    heard = gs.simulate(gs.Scene.checked(data, "room"), "agent1", 1)
-    heard.to_csv(tmp_path / "heard.csv")
+    measurements = gs.simulate(gs.Scene.checked(data, "room"), "agent1", 1)
+    measurements.to_csv(tmp_path / "heard.csv")
     data["anchors"][0]["orientation_deg"] += 6.0
     (tmp_path / "turned.toml").write_text(gs.Scene.checked(data, "room").to_toml())
-    said = say("run", "turned.toml", "--measurements", "heard.csv")
-    assert said.code == 0, said.err
-    (note,) = [line for line in said.out.splitlines() if "seems turned" in line]
+    result = say("run", "turned.toml", "--measurements", "heard.csv")
+    assert result.code == 0, result.err
+    (note,) = [line for line in result.out.splitlines() if "seems turned" in line]
     assert note.startswith("note: agent1: anchor A seems turned by -")
     assert note.endswith("of 40 steps)")
     assert "#" not in note
@@ -112,23 +112,23 @@ def test_the_band_of_innovations_is_that_of_chi_square(freedom):
     np.testing.assert_allclose(innovation_band(freedom), expected, rtol=0.05, atol=0.01)
 
 
-def said_by(room, spread_m, effective=99, representation="gaussian", **heard):
+def reasons_of(room, spread_m, effective=99, representation="gaussian", **measurements):
     model = room.believed.with_filter(representation=representation).filter_model("agent1")
     calibration, turned = Calibration.start(model.senders), np.zeros(model.senders)
-    health, _ = HealthMonitor(**heard).assess(calibration, turned, model, spread_m, effective)
+    health, _ = HealthMonitor(**measurements).assess(calibration, turned, model, spread_m, effective)
     return health.why
 
 
 def test_few_particles_are_called_where_they_are_the_belief(room):
-    assert said_by(room, 0.1, effective=2) == ""
-    assert said_by(room, 0.1, effective=2, representation="particles") == "2 particles carry the weight"
+    assert reasons_of(room, 0.1, effective=2) == ""
+    assert reasons_of(room, 0.1, effective=2, representation="particles") == "2 particles carry the weight"
 
 
 @pytest.mark.parametrize("freedom", [12, 40])
 def test_innovations_are_called_at_what_chance_does_once_in_100_000_steps(room, freedom):
     just = chi2.isf(1e-5, freedom)
-    assert said_by(room, 0.1, misfit=0.95 * just, freedom=float(freedom)) == ""
-    assert "innovations" in said_by(room, 0.1, misfit=1.1 * just, freedom=float(freedom))
+    assert reasons_of(room, 0.1, misfit=0.95 * just, freedom=float(freedom)) == ""
+    assert "innovations" in reasons_of(room, 0.1, misfit=1.1 * just, freedom=float(freedom))
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_innovations_are_called_at_what_chance_does_once_in_100_000_steps(room, 
     [(0.4, 1.0, True), (0.4, 9.0, False), (0.1, 1.0, False), (1.2, 1.0, False)],  # at 1.2 m it says "alone"
 )
 def test_a_position_that_nothing_loud_checks_is_no_sure_one(room, spread_m, loud, told):
-    assert ("too faint to check" in said_by(room, spread_m, explained=loud, loud=loud)) is told
+    assert ("too faint to check" in reasons_of(room, spread_m, explained=loud, loud=loud)) is told
 
 
 @settings(max_examples=50, deadline=None)
@@ -175,8 +175,8 @@ def test_a_deep_copy_of_a_filter_goes_on_as_the_filter_does(room):
 def test_an_evaluation_against_more_clutter_is_worth_less():
     odds, message, measured = np.ones((12, 2)), np.ones((5, 2, 3)), np.ones((4, 3))
     pairs = Pairs(2, np.array([0, 1, 2], np.int32), np.zeros((4, 2), np.int32), np.ones((4, 8)))
-    said = LikelihoodRatios(pairs, np.ones((4, 1), np.float32), odds, message, measured)
-    less = said.against(4.0)
+    ratios = LikelihoodRatios(pairs, np.ones((4, 1), np.float32), odds, message, measured)
+    less = ratios.against(4.0)
     np.testing.assert_array_equal(less.pairs.pair[:, 6], [0.25, 0.25, 1.0, 1.0])
     np.testing.assert_array_equal(less.message[tables.RATIO], 0.25)
     np.testing.assert_array_equal(less.beta, 0.25)
@@ -184,7 +184,7 @@ def test_an_evaluation_against_more_clutter_is_worth_less():
     assert (odds == 1).all()
     assert (message == 1).all(), "what it was is as it was"
     assert less.clutter == pytest.approx(3 / 1.25)
-    assert said.clutter == 1.5
+    assert ratios.clutter == 1.5
 
 
 @pytest.mark.slow
@@ -192,8 +192,8 @@ def test_unsure_surfaces_do_not_hide_the_clutter():
     scene, levels, surfaces = gs.Scene.load("room"), [], []
     for seed in (4, 5, 6):  # of seed 4, two false surfaces at the start once covered most of the clutter
         slam = gs.AdaptiveSlam(scene, seed=seed)
-        heard = gs.simulate(scene, scene.agents[0].name, seed=seed)
-        levels += [slam.step(heard.scan(step)).health.clutter for step in range(100)]
+        measurements = gs.simulate(scene, scene.agents[0].name, seed=seed)
+        levels += [slam.step(measurements.scan(step)).health.clutter for step in range(100)]
         surfaces.append(len(slam.map().surfaces))
     assert min(surfaces) == 4
     assert sum(surfaces) <= 13, "one of 72 runs keeps a false one that walks along (M361)"
@@ -231,7 +231,8 @@ def test_what_used_to_diverge_recovers(room, kind):
     }[kind]()
     slam = gs.GridSlam(case.believed, seed=1)
     error = [
-        np.linalg.norm(slam.step(case.measurements.scan(n)).position_m - case.track.position_m[n]) for n in range(40)
+        np.linalg.norm(slam.step(case.measurements.scan(n)).position_m - case.track.position_m[n])
+        for n in range(40)
     ]
     bound = known_map_bound(case.scene, case.agent, case.paths, case.track).position_m[10:40]
     assert np.sqrt(np.square(error[10:]).mean()) < 2 * np.sqrt((bound**2).mean())
@@ -274,13 +275,13 @@ def short(track):
     ],
 )
 def test_bad_words_to_robustness_are_one_line(say, words):
-    said = say("robustness", *words)
-    assert said.code == 2
-    assert len(said.complaints) == 1
+    result = say("robustness", *words)
+    assert result.code == 2
+    assert len(result.complaints) == 1
 
 
-@pytest.mark.parametrize(("walls", "sure", "said"), [(24, 24, 0), (27, 27, 3), (27, 20, 0)])
-def test_surfaces_that_are_dropped_for_want_of_room_are_told(walls, sure, said):
+@pytest.mark.parametrize(("walls", "sure", "left_out"), [(24, 24, 0), (27, 27, 3), (27, 20, 0)])
+def test_surfaces_that_are_dropped_for_want_of_room_are_told(walls, sure, left_out):
     """Of 24 at most, those believed in; a tentative one that goes is no loss."""
     draw = np.random.default_rng(1)
     mean = np.concatenate(
@@ -293,8 +294,8 @@ def test_surfaces_that_are_dropped_for_want_of_room_are_told(walls, sure, said):
     state = replace(state, surfaces=replace(bank, existence=existence, seen=seen, age=seen))
     after = merge_and_prune(state, model_of(anchors=[[0.0, 0.0, 0.0]]))
     assert len(after.surfaces) == 24
-    assert after.monitor.dropped == said
+    assert after.monitor.dropped == left_out
     assert after.monitor.begun(3).dropped == 0
     model = model_of(anchors=[[0.0, 0.0, 0.0]])
     health, _ = after.monitor.assess(after.calibration, np.zeros(1), model, 0.1, 100.0)
-    assert ("want of room" in health.why) == (said > 0)
+    assert ("want of room" in health.why) == (left_out > 0)

@@ -15,15 +15,15 @@ from gridslam.inference.state.anchor_measurements import own_deviations, split_b
 ROOM = gs.Scene.load("room")
 
 
-def late(heard, metres, anchor=None):
+def late(measurements, metres, anchor=None):
     """Measurements of all anchors or one, so many metres too long."""
-    rows = np.ones(len(heard.anchor), bool) if anchor is None else heard.anchor == anchor
-    return replace(heard, distance_m=np.abs(heard.distance_m + metres * rows))
+    rows = np.ones(len(measurements.anchor), bool) if anchor is None else measurements.anchor == anchor
+    return replace(measurements, distance_m=np.abs(measurements.distance_m + metres * rows))
 
 
-def watched(scene, heard):
+def watched(scene, measurements):
     """What is told after every look, each third step."""
-    return [watch.doubt for watch in looked(scene, heard)]
+    return [watch.doubt for watch in looked(scene, measurements)]
 
 
 def crossing_at(scan, model):
@@ -32,12 +32,12 @@ def crossing_at(scan, model):
     return crossing_of(scans, own_deviations(scans, model.radio), model)
 
 
-def looked(scene, heard):
+def looked(scene, measurements):
     """What is known after every look."""
     model = scene.filter_model("agent1")
     watch, found = RangeWatch.start(model.senders), []
-    for step in range(0, len(heard), 3):
-        crossing = crossing_at(heard.scan(step), model)
+    for step in range(0, len(measurements), 3):
+        crossing = crossing_at(measurements.scan(step), model)
         if crossing is not None:
             watch = watch.crossed(crossing, model)
             found.append(watch)
@@ -119,15 +119,15 @@ def test_places_cross_at_the_agent_and_move_as_the_slopes_say():
 
 
 def test_health_says_so_at_every_step_and_after_a_run_was_resumed(tmp_path):
-    heard, slam = late(gs.simulate(ROOM, "agent1", 24), 1.5, 0), gs.AdaptiveSlam(ROOM, seed=1)
-    assert "distances" not in slam.step(heard.scan(0)).health.why
+    measurements, slam = late(gs.simulate(ROOM, "agent1", 24), 1.5, 0), gs.AdaptiveSlam(ROOM, seed=1)
+    assert "distances" not in slam.step(measurements.scan(0)).health.why
     assert slam.population.ranges.steps == 1
-    before = looked(ROOM, heard)[-1]
+    before = looked(ROOM, measurements)[-1]
     slam.now = slam.now._replace(believed=replace(slam.population, ranges=before))
-    told = slam.step(heard.scan(1)).health
+    told = slam.step(measurements.scan(1)).health
     assert "distances of anchor A seem 1.5" in told.why
     assert not told.ok
     slam.save(tmp_path / "at.h5")
     again = gs.AdaptiveSlam.resume(tmp_path / "at.h5")
-    assert again.step(heard.scan(2)).health.why == slam.step(heard.scan(2)).health.why
+    assert again.step(measurements.scan(2)).health.why == slam.step(measurements.scan(2)).health.why
     np.testing.assert_array_equal(again.population.ranges.information, before.information)

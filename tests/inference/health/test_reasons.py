@@ -45,8 +45,8 @@ def test_hybrid_slam_says_what_is_amiss_with_its_particles():
     assert well.ok
     assert not well.why
     amiss = assess_particles(1.26, FEW - 1, 5, 0.62, 2, by_particles=True)
-    said = ["nothing heard for 5 steps", "position known to 1.3 m alone", "29 particles carry the weight"]
-    said.append("paths arrive before the line of sight at 62% of the latest steps")
-    assert amiss.why.split("; ") == said
+    reasons = ["nothing heard for 5 steps", "position known to 1.3 m alone", "29 particles carry the weight"]
+    reasons.append("paths arrive before the line of sight at 62% of the latest steps")
+    assert amiss.why.split("; ") == reasons
     assert not amiss.ok
     assert len(amiss.turned_rad) == 2

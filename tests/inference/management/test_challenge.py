@@ -91,8 +91,8 @@ def test_a_right_world_leads_a_fresh_start_and_is_well(mapped):
 
 def test_a_right_world_without_amplitudes_is_well_and_a_wrong_one_is_not(scene):
     """Nothing is loud then: counted as loud, all of it would make the lead of a right map look low."""
-    heard = gs.simulate(scene, "agent1", seed=3)
-    scans = list(replace(heard, amplitude=np.full(len(heard.step), np.nan)))
+    measurements = gs.simulate(scene, "agent1", seed=3)
+    scans = list(replace(measurements, amplitude=np.full(len(measurements.step), np.nan)))
     slam, leads = GridSlam(scene, seed=3), []
     for scan in scans:
         slam.step(scan)
@@ -186,8 +186,8 @@ def test_an_agent_out_of_sight_is_found_by_the_map_where_a_scan_alone_fits_too_m
     """Single bounces alone, two metres off: a start anew may be anywhere, known walls tell where it is."""
     slam, _ = mapped
     step, model, track = 20, slam.model, scene.track("agent1")
-    heard, label = simulate_labelled(scene, "agent1", seed=2)
-    scan, label = heard.scan(step), label[heard.step == step]
+    measurements, label = simulate_labelled(scene, "agent1", seed=2)
+    scan, label = measurements.scan(step), label[measurements.step == step]
     once = (label >= 0) & (true_paths(scene, "agent1").bounces[label] == 1)
     scan = replace(scan, **{name: getattr(scan, name)[once] for name in NAMES})
     wrong = replace(moved(slam.state, (2.0, 1.0), 1.0), step=step)
@@ -230,10 +230,10 @@ def test_a_start_is_compared_at_every_step_until_it_is_borne_out(mapped, scans):
     slam, _ = mapped
     scan, model, work = scans[slam.state.step - 1], slam.model, slam.work
     state = replace(slam.state, step=EVERY * 2 + 3)
-    for unproven, worth, said in ((True, 1e4, False), (True, 0.0, True), (False, np.nan, False)):
+    for unproven, worth, reported in ((True, 1e4, False), (True, 0.0, True), (False, np.nan, False)):
         before = Population((state,), watch=Doubt(unproven=unproven))
         after = watched(before, lambda worth=worth: worth, scan, model, work).watch
-        assert after.unproven is said
+        assert after.unproven is reported
         assert (after.borne > 0) is (worth == 1e4)
         assert after.lead == 0.0, "the lead is taken every few steps"
 
@@ -242,7 +242,7 @@ def test_a_start_is_borne_out_by_a_scan_that_fits_nowhere_else(mapped, scans):
     slam, _ = mapped
     doubt = Doubt(unproven=True, doubtful=DOUBT_STEPS)
     right, scan = replace(slam.state, step=EVERY), scans[slam.state.step - 1]
-    for state, said in ((right, False), (moved(right, (2.0, 1.0), 1.0), True)):
+    for state, reported in ((right, False), (moved(right, (2.0, 1.0), 1.0), True)):
         population = Population((state,), watch=doubt)
         after = challenged(population, scan, start(slam.model), slam.model, slam.work)
-        assert after.watch.unproven is said
+        assert after.watch.unproven is reported

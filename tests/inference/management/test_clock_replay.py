@@ -24,7 +24,7 @@ from gridslam.systems import network
 from gridslam.systems.network import NetworkSlam
 
 AGENTS = ["agent1", "agent2"]
-HIDDEN, UNHEARD = 3, 4
+HIDDEN, SILENT_STEPS = 3, 4
 """The anchor that isn't heard in the first steps, and how many these are."""
 
 
@@ -36,8 +36,8 @@ def scene():
 @pytest.fixture(scope="module")
 def scans(scene):
     data, truth = simulate_network(scene, AGENTS, 5, unlabelled=True)
-    early = (truth.source == HIDDEN) & (data.table.step < UNHEARD)
-    return [thinned(data, early, step) for step in range(UNHEARD + 4)]
+    early = (truth.source == HIDDEN) & (data.table.step < SILENT_STEPS)
+    return [thinned(data, early, step) for step in range(SILENT_STEPS + 4)]
 
 
 def thinned(data, dropped, step):
@@ -87,7 +87,7 @@ def test_the_world_is_that_of_a_filter_told_clock_and_walls_before_the_first_ste
         monkeypatch.setattr(clock_replay, "with_walls_of", lambda after, before: before)
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     _, before, number = until_set(slam, scans)
-    assert number >= UNHEARD
+    assert number >= SILENT_STEPS
     assert len(before.search.scans) == number
     alone, once, twice = told_by_hand(slam, before, number, scans)
     told = twice if mapped else once
@@ -245,7 +245,7 @@ def test_a_long_search_remembers_its_latest_steps(scene, scans, monkeypatch):
     monkeypatch.setattr(clock_replay, "MOST_STEPS", 2)
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     lengths = []
-    for scan in scans[:UNHEARD]:
+    for scan in scans[:SILENT_STEPS]:
         slam.step(scan)
         lengths.append(len(slam.state.search.scans))
     assert lengths == [1, 2, 1, 2]

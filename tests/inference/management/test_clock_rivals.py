@@ -38,7 +38,7 @@ def fresh():
     return NetworkState.start(network_model(scene, AGENTS[:2]))
 
 
-def heard(state, *peaks):
+def with_peaks(state, *peaks):
     """A state whose first clocks have peaks at (anchor, cell, log mass), and nothing else but a floor."""
     search = state.clocks
     evidence = np.full_like(search.log, -40.0)
@@ -51,7 +51,7 @@ def heard(state, *peaks):
 
 
 def test_modes_that_count_are_kept_and_what_is_left_only_if_it_counts(fresh):
-    after = heard(fresh, (0, 400, 0.0), (0, 445, -5.0), (0, 600, -20.0), (1, 300, 0.0))
+    after = with_peaks(fresh, (0, 400, 0.0), (0, 445, -5.0), (0, 600, -20.0), (1, 300, 0.0))
     modes = rival_modes(after.clocks)
     assert 1 not in modes  # one mode is no rival
     assert [int(np.flatnonzero(own)[len(own[own]) // 2]) for own in modes[0]] == [400, 445]
@@ -105,7 +105,7 @@ def test_a_pose_doesn_t_wait_for_a_clock_that_is_likely_but_not_sure():
 
 
 def test_branches_share_out_the_mass_that_there_was(fresh):
-    after = heard(
+    after = with_peaks(
         fresh, (0, 400, 0.0), (0, 445, -5.0), (1, 300, 0.0), (1, 380, -1.0), (2, 500, 0.0), (3, 9, 0.0)
     )
     modes = rival_modes(after.clocks)
@@ -113,7 +113,7 @@ def test_branches_share_out_the_mass_that_there_was(fresh):
     everything = np.isfinite(fresh.clocks.log[0]) & (fresh.clocks.log[0] > NEVER)
     whole = {anchor: [*own, everything & ~np.any(own, axis=0)] for anchor, own in modes.items()}
     cells = range(fresh.clocks.log.shape[1])
-    made = branches(fresh, heard(fresh, *[(a, c, 0.0) for a in (0, 1) for c in cells]), whole, 9, 0.0)
+    made = branches(fresh, with_peaks(fresh, *[(a, c, 0.0) for a in (0, 1) for c in cells]), whole, 9, 0.0)
     assert len(made) == 9
     assert np.exp([share for _, share in made]).sum() == pytest.approx(1)
     likeliest = branches(fresh, after, modes, 1, 0.0)
@@ -136,14 +136,14 @@ def test_a_branch_keeps_to_its_modes_in_the_steps_that_it_may_take_again(fresh):
     modes = {
         anchor: [np.arange(fresh.clocks.log.shape[1]) // 10 == row for row in (40, 41)] for anchor in (0, 1)
     }
-    (state, _), *_ = branches(now, heard(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
+    (state, _), *_ = branches(now, with_peaks(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
     first = state.search.before.clocks
     np.testing.assert_allclose(first.log[0], fresh.clocks.within(0, modes[0][0], 0.16).log[0])
     assert (np.flatnonzero(first.log[0] > OUTSIDE)[[0, -1]] < [400, 430]).all()
     np.testing.assert_array_equal(first.log[1:], before.clocks.log[1:])
     assert (state.clocks.log[1] > OUTSIDE).sum() == 10
     begun = replace(now, search=replace(search, before=replace(before, time_s=None)))
-    (state, _), *_ = branches(begun, heard(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
+    (state, _), *_ = branches(begun, with_peaks(now, (0, 405, 0.0), (1, 405, 0.0)), modes, 9, 0.2)
     np.testing.assert_allclose(
         state.search.before.clocks.log[0], fresh.clocks.within(0, modes[0][0], 0.12).log[0]
     )

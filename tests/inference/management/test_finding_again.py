@@ -30,10 +30,10 @@ def test_the_agent_is_found_wherever_it_was_believed(room, signal, off):
     lines = belief.lines
     sources = [
         pose_fix.Sources(
-            np.concatenate([heard.position[None], geometry.mirror(lines, heard.position)]),
+            np.concatenate([estimate.position[None], geometry.mirror(lines, estimate.position)]),
             np.concatenate([np.zeros((1, 2)), lines]), np.array([1, 0.7, 0.7, 0.7, 0.7]), np.full(5, 0.9),
         )
-        for heard in anchor_scans_of(room, step)
+        for estimate in anchor_scans_of(room, step)
     ]  # fmt: skip
     fix = pose_fix.find_pose(
         belief, belief, sources, anchor_scans_of(room, step), DetectionTable(signal), signal, [1, 2]

@@ -98,12 +98,12 @@ def test_no_surfaces_no_ghosts():
     assert ghosts.drop_ghosts(bank, belief, PLACES) == (bank, belief)
 
 
-@pytest.mark.parametrize(("heard", "left"), [(0.05, 2), (0.9, 3)])
-def test_a_silent_line_through_the_corner_goes(heard, left):
+@pytest.mark.parametrize(("detected", "left"), [(0.05, 2), (0.9, 3)])
+def test_a_silent_line_through_the_corner_goes(detected, left):
     angle = image_of_corner(PLACES[0])[0] + np.radians(5)
     line = np.array([angle, np.array([-2.0, 3.0]) @ [np.cos(angle), np.sin(angle)]])
     gap = np.linalg.norm(mirror(line, PLACES[0]) - mirror(WALLS[0], mirror(WALLS[1], PLACES[0])))
     assert NEAR_M < gap < AROUND_M
     bank, belief = world(line)
-    bank.single[0, 2] = heard
+    bank.single[0, 2] = detected
     assert len(ghosts.drop_ghosts(bank, belief, PLACES)[0]) == left

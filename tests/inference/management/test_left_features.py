@@ -16,7 +16,7 @@ STD = np.array([0.02, 0.01])
 POINT = np.array([-4.0, 6.0])
 
 
-def heard(far, angle, place, step, heading=0.3, spread=1e-6, amplitude=1.0):
+def left_over(far, angle, place, step, heading=0.3, spread=1e-6, amplitude=1.0):
     """One measurement that nothing explained."""
     zero = np.zeros(1, np.int64)
     return Unexplained(
@@ -26,7 +26,7 @@ def heard(far, angle, place, step, heading=0.3, spread=1e-6, amplitude=1.0):
 
 
 def sights(*args, **more):
-    return sighted(heard(*args, **more), 0, ANCHOR)
+    return sighted(left_over(*args, **more), 0, ANCHOR)
 
 
 def path(place, point, tied, heading=0.3):
@@ -42,7 +42,7 @@ def gathered(point, tied, steps=30, seed=0):
     for k in range(steps):
         place = np.array([0.1 * k, -1.0])
         far, angle = path(place, point, tied) + draw.normal(size=2) * STD
-        known = known.joined(heard(far, angle, place, k, amplitude=2.0 / far))
+        known = known.joined(left_over(far, angle, place, k, amplitude=2.0 / far))
     return known
 
 
@@ -107,18 +107,18 @@ def test_few_looks_looks_from_one_place_and_clutter_are_no_features():
     assert features(gathered(POINT, True, steps=9))[0] is None
     still, draw, clutter = Unexplained.none(), np.random.default_rng(1), Unexplained.none()
     for k in range(30):
-        still = still.joined(heard(*path(np.zeros(2), POINT, True), np.zeros(2), k))
+        still = still.joined(left_over(*path(np.zeros(2), POINT, True), np.zeros(2), k))
     assert features(still)[0] is None
     assert places_of(still, ANCHOR[None], 10).steps.tolist() == [30, 30]
     for k in range(200):
         far, angle = draw.uniform([1.0, -np.pi], [30.0, np.pi])
-        clutter = clutter.joined(heard(far, angle, np.array([0.02 * k, 0.0]), k))
+        clutter = clutter.joined(left_over(far, angle, np.array([0.02 * k, 0.0]), k))
     assert features(clutter)[0] is None
     assert len(places_of(clutter, ANCHOR[None], 10)) < 50
 
 
 def test_several_paths_of_one_step_count_once():
-    one = heard(*path(np.zeros(2), POINT, True), np.zeros(2), 4)
+    one = left_over(*path(np.zeros(2), POINT, True), np.zeros(2), 4)
     places = places_of(one.joined(one).joined(one), ANCHOR[None], 3)
     assert places.steps.tolist() == [1, 1]
     assert places_of(one.joined(one), ANCHOR[None], 3).steps.tolist() == []
@@ -127,7 +127,7 @@ def test_several_paths_of_one_step_count_once():
 def test_the_latest_are_kept():
     known = Unexplained.none()
     for k in range(3):
-        one = heard(9.0, 0.1, np.zeros(2), k)
+        one = left_over(9.0, 0.1, np.zeros(2), k)
         many = (np.repeat(getattr(one, f.name), MOST - 7, 0) for f in fields(one))
         known = known.joined(Unexplained(*many))
     assert np.bincount(known.step).tolist() == [0, 7, MOST - 7]

@@ -26,7 +26,7 @@ AGENT = np.array([[0.0, 0.0], [0.0, 1.0]])
 SIGHT, IDENTITY = -1, 7
 
 
-def belief(power=0.5, heard=(IDENTITY, SIGHT), deviation=0.01):
+def belief(power=0.5, detected=(IDENTITY, SIGHT), deviation=0.01):
     image = mirror(WALL, ANCHOR)
     table = learned([image], variance=np.array([power]), identity=np.array([IDENTITY]))
     square = 1e-9 * np.eye(4)
@@ -34,7 +34,7 @@ def belief(power=0.5, heard=(IDENTITY, SIGHT), deviation=0.01):
     table = replace(table, covariance=square[None])
     seen = Sightings.none()
     for place in AGENT:
-        seen = seen.add(np.array(heard), place)
+        seen = seen.add(np.array(detected), place)
     bank = FeatureBank.empty().add(IDENTITY, 0, np.zeros(2), power, 3)
     ones = np.ones(1)
     return table, JointBelief(np.zeros(7), np.eye(7), bank, ones, ones, ones, sightings=seen)
@@ -87,7 +87,7 @@ def test_a_wall_that_is_known_badly_is_met_in_no_cell_for_sure():
 
 
 def test_without_a_line_of_sight_nothing_says_how_much_is_reflected():
-    found = drawn(heard=(IDENTITY,))
+    found = drawn(detected=(IDENTITY,))
     assert found.surfaces.reflection[0] == pytest.approx(0.5)
     assert not found.coefficient.any()
     assert not found.observed[cell(1.5, 2.0)]
@@ -125,7 +125,7 @@ def test_no_feature_of_a_crowd_is_a_wall():
 
 
 def test_a_wall_that_was_heard_from_nowhere_has_no_extent():
-    found = drawn(heard=(SIGHT,))
+    found = drawn(detected=(SIGHT,))
     assert np.isnan(found.surfaces.extent_m).all()
     assert not found.occupied.any()
 

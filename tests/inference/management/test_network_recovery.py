@@ -34,12 +34,12 @@ def test_with_labels_and_known_clocks_a_pose_is_as_likely_as_anchor_by_anchor(ro
     beacons = Beacons.of(part, np.zeros(2, bool), model, slam.work[0])
     assert len(beacons) >= 4
     poses = part.belief.mean[[0, 1, 4]] + np.random.default_rng(2).normal(0, [0.5, 0.5, 0.2], (40, 3))
-    radio, heard = model.radio, of_all_anchors(scan, model.radio.threshold)
+    radio, scans = model.radio, of_all_anchors(scan, model.radio.threshold)
     table = detection_table(radio)
     per_anchor = zip(known_sources(part, model, work=slam.work[0]), split_by_anchor(scan, model), strict=True)
     apart = sum(_log_likelihood(poses, own, one, table, radio) for own, one in per_anchor)
-    np.testing.assert_allclose(log_likelihood(poses, beacons, heard, table, radio), apart, atol=1e-6)
-    nobody = replace(heard, label=np.full(len(heard), -1))
+    np.testing.assert_allclose(log_likelihood(poses, beacons, scans, table, radio), apart, atol=1e-6)
+    nobody = replace(scans, label=np.full(len(scans), -1))
     assert (log_likelihood(poses, beacons, nobody, table, radio) >= apart - 1e-6).all()
 
 
@@ -49,20 +49,20 @@ def test_a_clock_ahead_makes_distances_longer_and_nothing_else(room):
     beacons = Beacons.of(part, np.zeros(2, bool), model, slam.work[0])
     late = np.array([7.0, -2.5])[beacons.anchor]
     shifted = replace(beacons, shift=late)
-    heard = of_all_anchors(scan, model.radio.threshold)
-    value = heard.value.copy()
-    value[:, 0] += np.array([7.0, -2.5])[heard.label]
-    moved = replace(heard, value=value)
+    whole = of_all_anchors(scan, model.radio.threshold)
+    value = whole.value.copy()
+    value[:, 0] += np.array([7.0, -2.5])[whole.label]
+    moved = replace(whole, value=value)
     table, poses = detection_table(model.radio), part.belief.mean[[0, 1, 4]][None]
-    one = log_likelihood(poses, beacons, heard, table, model.radio)
+    one = log_likelihood(poses, beacons, whole, table, model.radio)
     np.testing.assert_allclose(log_likelihood(poses, shifted, moved, table, model.radio), one, atol=1e-9)
     drawn = [
-        proposed_poses(own, said, model.radio, np.random.default_rng(3))
-        for own, said in ((beacons, heard), (shifted, moved))
+        proposed_poses(own, measured, model.radio, np.random.default_rng(3))
+        for own, measured in ((beacons, whole), (shifted, moved))
     ]
     np.testing.assert_allclose(*drawn, atol=1e-9)
     doubtful = replace(beacons, variance=np.full(len(beacons), 4.0))
-    assert log_likelihood(poses, doubtful, heard, table, model.radio)[0] < one[0]
+    assert log_likelihood(poses, doubtful, whole, table, model.radio)[0] < one[0]
 
 
 @pytest.mark.slow
@@ -99,9 +99,9 @@ def test_an_agent_that_is_carried_off_in_silence_is_found_where_it_is():
         here, elsewhere = data.scan(step), data.scan(step + carried).scans[1]
         if step >= off:
             mute = {key: column[:0] for key, column in vars(elsewhere).items() if np.ndim(column)}
-            heard = elsewhere if step >= back else replace(elsewhere, **mute)
-            heard = replace(heard, step=step, time_s=here.time_s)
-            here = replace(here, scans=(here.scans[0], heard))
+            carried_scan = elsewhere if step >= back else replace(elsewhere, **mute)
+            carried_scan = replace(carried_scan, step=step, time_s=here.time_s)
+            here = replace(here, scans=(here.scans[0], carried_scan))
         estimate = slam.step(here)
         if step == back:
             assert "found again" in estimate.agents["agent2"].health.why

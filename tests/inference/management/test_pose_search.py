@@ -32,7 +32,7 @@ def scene():
 
 
 @pytest.fixture(scope="module")
-def heard(scene):
+def first_scans(scene):
     return list(gs.simulate(scene, "agent1", seed=4))[:4]
 
 
@@ -41,20 +41,20 @@ def snapshot_of(scan, model):
     return Snapshot.of(scans, [model.radio] * len(scans), model), scans
 
 
-def slowly(pose, heard, model):
+def slowly(pose, anchor_scan, model):
     """The score of one pose and one anchor, path by path, by the geometry of drawn paths."""
-    radio, place = model.radio, heard.position
+    radio, place = model.radio, anchor_scan.position
     distance = np.linalg.norm(pose[:2] - place)
     away = np.arctan2(*(pose[:2] - place)[::-1])
     strength = radio.amplitude(distance)
     log = -IN_SIGHT * float(radio.detection_probability(strength))
-    for value, amplitude in zip(heard.value, heard.amplitude, strict=True):
+    for value, amplitude in zip(anchor_scan.value, anchor_scan.amplitude, strict=True):
         std = np.array([
             radio.distance_std(amplitude),
-            radio.angle_std(amplitude, value[1], radio.anchor_aperture[heard.anchor]),
+            radio.angle_std(amplitude, value[1], radio.anchor_aperture[anchor_scan.anchor]),
             radio.angle_std(amplitude, value[2], radio.agent_aperture),
         ])  # fmt: skip
-        straight = np.array([distance, away - heard.orientation, away + np.pi - pose[2]])
+        straight = np.array([distance, away - anchor_scan.orientation, away + np.pi - pose[2]])
         gap = value - straight
         gap[1:] = wrap(gap[1:])
         seen = IN_SIGHT * np.prod(norm.pdf(gap, scale=std)) * np.exp(radio.log_rician(amplitude, strength))
@@ -63,7 +63,7 @@ def slowly(pose, heard, model):
         path = course(pose[None, :2], place[None], line[None], line[None], np.array([1]))
         born = 0.0
         if path.valid[0]:
-            off = wrap(value[1] - (path.departure[0] - heard.orientation))
+            off = wrap(value[1] - (path.departure[0] - anchor_scan.orientation))
             fits = (1 - TWICE) * norm.pdf(off, scale=np.hypot(*std[1:])) + TWICE / (2 * np.pi)
             level = radio.amplitude(value[0], REFLECTION_BINS)
             rice = np.exp(radio.log_rician(amplitude, level)).mean()
@@ -76,9 +76,9 @@ def slowly(pose, heard, model):
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
-def test_scores_equal_those_worked_out_path_by_path(scene, heard, seed):
+def test_scores_equal_those_worked_out_path_by_path(scene, first_scans, seed):
     draw, model = np.random.default_rng(seed), scene.filter_model("agent1")
-    snapshot, scans = snapshot_of(heard[seed % 4], model)
+    snapshot, scans = snapshot_of(first_scans[seed % 4], model)
     track = scene.track("agent1")
     near = np.array([*track.position_m[0], track.heading_rad[0]]) + draw.normal(0, [0.1, 0.1, 0.05])
     poses = np.stack([near, draw.uniform([-4, -3, -3], [4, 3, 3])])
@@ -88,9 +88,9 @@ def test_scores_equal_those_worked_out_path_by_path(scene, heard, seed):
         assert score == pytest.approx(sum(slowly(pose, own, model) for own in scans), abs=2e-3)
 
 
-def test_poses_of_lines_of_sight_hear_what_was_heard(scene, heard):
+def test_poses_of_lines_of_sight_hear_what_was_heard(scene, first_scans):
     model = scene.filter_model("agent1")
-    snapshot, scans = snapshot_of(heard[0], model)
+    snapshot, scans = snapshot_of(first_scans[0], model)
     for terms, own in zip(snapshot.terms, scans, strict=True):
         poses = line_of_sight_poses(terms, np.random.default_rng(1))
         first = poses[:: len(poses) // len(own)]
@@ -147,9 +147,9 @@ def test_the_true_pose_is_listed_of_a_start_that_is_known_to_nothing(scene, meas
     assert (np.diff(modes.score) <= 0).all()
 
 
-def test_a_scan_that_tells_nothing_has_no_complete_list(scene, heard):
+def test_a_scan_that_tells_nothing_has_no_complete_list(scene, first_scans):
     model = scene.filter_model("agent1")
-    scan = heard[0]
+    scan = first_scans[0]
     quiet = np.argsort(scan.amplitude)[:1]
     names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
     faint = replace(scan, **{name: getattr(scan, name)[quiet] for name in names})
@@ -190,9 +190,9 @@ def test_a_list_is_complete_once_its_last_candidates_lead_to_no_new_place(scene,
     np.testing.assert_allclose(modes.pose[0, :2], 1, atol=0.1)
 
 
-def test_the_order_of_measurements_and_what_is_not_heard_change_no_score(scene, heard):
+def test_the_order_of_measurements_and_what_is_not_heard_change_no_score(scene, first_scans):
     model = scene.filter_model("agent1")
-    scan, draw = heard[1], np.random.default_rng(3)
+    scan, draw = first_scans[1], np.random.default_rng(3)
     order = draw.permutation(len(scan))
     names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
     mixed = replace(scan, **{name: getattr(scan, name)[order] for name in names})
@@ -204,8 +204,8 @@ def test_the_order_of_measurements_and_what_is_not_heard_change_no_score(scene, 
 
 
 @pytest.mark.parametrize("name", ["aod_rad", "aoa_rad", "amplitude", "distance_m"])
-def test_what_was_not_measured_scores_finitely(scene, heard, name):
-    model, scan = scene.filter_model("agent1"), heard[0]
+def test_what_was_not_measured_scores_finitely(scene, first_scans, name):
+    model, scan = scene.filter_model("agent1"), first_scans[0]
     column = getattr(scan, name).copy()
     column[::2] = np.nan
     snapshot, _ = snapshot_of(replace(scan, **{name: column}), model)
@@ -220,9 +220,9 @@ def of_map(place, chance=0.8):
     return Sources(image, line, np.array([1.0, 0.7, 0.6]), np.array([0.9, chance, 0.5]))
 
 
-def test_scores_with_a_map_add_what_its_surfaces_explain(scene, heard):
+def test_scores_with_a_map_add_what_its_surfaces_explain(scene, first_scans):
     model, track = scene.filter_model("agent1"), scene.track("agent1")
-    own = split_by_anchor(heard[1], model)[0]
+    own = split_by_anchor(first_scans[1], model)[0]
     radio, over = model.radio, of_map(own.position)
     with_map, without = (Snapshot.of([own], [radio], model, known).terms[0] for known in ([over], None))
     poses = np.stack([[*track.position_m[1], track.heading_rad[1]], [1.0, -1.0, 0.5], [3.9, 3.9, 2.0]])
@@ -270,9 +270,9 @@ def replace_rows(own, row):
     return replace(own, **{name: getattr(own, name)[rows] for name in names})
 
 
-def test_poses_by_a_map_hear_single_bounces_as_they_were_heard(scene, heard):
+def test_poses_by_a_map_hear_single_bounces_as_they_were_heard(scene, first_scans):
     model = scene.filter_model("agent1")
-    own = split_by_anchor(heard[1], model)[0]
+    own = split_by_anchor(first_scans[1], model)[0]
     terms = Snapshot.of([own], [model.radio], model, [of_map(own.position)]).terms[0]
     poses = reflected_poses(terms, np.random.default_rng(1), copies=1)
     assert len(poses) == 2 * len(own)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from array_snapshots import LIGHT, NOISE, STEP, band_of, heard, responses
+from array_snapshots import LIGHT, NOISE, STEP, band_of, responses, snapshot
 
 from gridslam.inference.messages.samples.array_likelihood import (
     ArrayBand,
@@ -30,7 +30,7 @@ def dense(band, path, samples):
 
 @pytest.mark.slow
 def test_all_of_it_is_that_of_the_dense_covariance():
-    samples = heard(BAND, PATH, [4, 2j, 1])
+    samples = snapshot(BAND, PATH, [4, 2j, 1])
     found = superpose_arrays(BAND, samples, PATH, WEIGHT, NOISE)
     log, inverse = dense(BAND, PATH, samples)
     column, flat = responses(BAND, PATH), samples.ravel()
@@ -56,7 +56,7 @@ def test_all_of_it_is_that_of_the_dense_covariance():
 
 
 def test_a_path_left_out_is_one_more_on_top_of_the_others():
-    samples = heard(BAND, PATH, [4, 2j, 1])
+    samples = snapshot(BAND, PATH, [4, 2j, 1])
     matched, own = superpose_arrays(BAND, samples, PATH, WEIGHT, NOISE).without(WEIGHT)
     for path in range(3):
         rest = np.arange(3) != path
@@ -67,7 +67,7 @@ def test_a_path_left_out_is_one_more_on_top_of_the_others():
 
 def test_one_antenna_is_the_likelihood_of_single_antennas():
     single = ArrayBand(BAND.wavenumber, BAND.pulse, np.zeros((1, 2)), np.zeros((1, 2)))
-    samples = heard(single, PATH, [4, 2j, 1])
+    samples = snapshot(single, PATH, [4, 2j, 1])
     found = superpose_arrays(single, samples, PATH, WEIGHT, NOISE)
     expected = superpose(Band(BAND.wavenumber, BAND.pulse), samples[0, 0], PATH[:, 0], WEIGHT, NOISE)
     assert found.log_density == pytest.approx(expected.log_density)
@@ -81,7 +81,7 @@ def test_one_strong_path_tells_the_deviations_of_m10():
     band, amplitude = band_of(3, 5, 41), 1e4
     flat = ArrayBand(band.wavenumber, np.full(41, 41**-0.5, complex), band.anchor, band.agent)
     path = np.array([[4.0, 0.7, -2.0]])
-    samples = heard(flat, path, [amplitude], 1e-12)
+    samples = snapshot(flat, path, [amplitude], 1e-12)
     found = np.linalg.inv(superpose_arrays(flat, samples, path, np.array([1e8]), 1.0).information)
     beta = STEP * np.sqrt((41**2 - 1) / 12)
     assert np.sqrt(found[0, 0]) == pytest.approx(LIGHT / (np.sqrt(8) * np.pi * beta * amplitude), rel=1e-6)
@@ -105,7 +105,7 @@ def test_noise_passes_for_a_path_about_as_often_as_it_may():
     """The level counts peaks by Rice's formula, as if all parameters were free of each other."""
     band, none = band_of(2, 2, 9), np.zeros(0)
     found = [
-        len(find_paths(band, heard(band, PATH[:1], [0.0], seed=n), nothing_known(), NOISE, none).new)
+        len(find_paths(band, snapshot(band, PATH[:1], [0.0], seed=n), nothing_known(), NOISE, none).new)
         for n in range(60)
     ]
     assert 0.4 < np.mean(found) / FALSE_PEAKS < 1.6
@@ -116,7 +116,7 @@ def test_a_new_path_is_found_where_it_is():
     band = band_of(3, 3, 21)
     prior = nothing_known(np.array([[0, -1, -1, 0]], np.int32), [100.0])
     path = np.array([[3.0, np.pi, 0.0], [4.1, 2.2, 0.9]])
-    found = find_paths(band, heard(band, path, [10, 8j], 1.0), prior, 1.0, np.array([100.0]))
+    found = find_paths(band, snapshot(band, path, [10, 8j], 1.0), prior, 1.0, np.array([100.0]))
     assert len(found.new) >= 1
     first = int(np.abs(found.new.path[:, 0] - 4.1).argmin())
     off = np.abs(found.new.path[first] - path[1])

@@ -23,7 +23,7 @@ from gridslam.world.signal_scan import SignalScan
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 LOS, BEHIND = np.array([3.0, 4.0, 0.0]), np.array([3.0, 4.0, 1.5])
-HEARD = np.array([True])
+AUDIBLE = np.array([True])
 
 
 def came(points, powers, seed=1, **more):
@@ -72,7 +72,7 @@ def test_a_line_of_sight_counts_as_one_wave_of_as_many_as_there_are_antennas_by_
 def test_hybrid_slam_stays_with_the_first_arrival_where_a_louder_one_follows_and_its_reference_does_not():
     model, draw = signal_model(spread=(0.5, 0.5, 0.1, 0.1)), np.random.default_rng(3)
     z = received(model, (0, 0), 0.4, [LOS, BEHIND], [3000.0, 9000.0], draw)
-    scan = SignalScan(0, 0.0, z[:, None], HEARD, 0.4)
+    scan = SignalScan(0, 0.0, z[:, None], AUDIBLE, 0.4)
     work = HybridWork(Front(model.waveform), 1)
     hybrid, reference = (
         np.hypot(*(model.anchors[0, :2] - advance(start(model), scan, model, work)[1].agent[:2]))
@@ -90,7 +90,7 @@ def test_a_belief_that_is_contradicted_stays_so_while_no_line_of_sight_is_seen()
     )
     state = HybridState(joint, joint, Segment.empty(1, 4, 41))
     seen, hidden = (
-        Snapshot(received(model, (0, 0), 0.4, points, [3000.0], draw), HEARD, 0.4)
+        Snapshot(received(model, (0, 0), 0.4, points, [3000.0], draw), AUDIBLE, 0.4)
         for points in ([LOS], [BEHIND])
     )
     along, across = np.zeros((2, 4, 4))

@@ -50,8 +50,8 @@ def test_without_a_label_all_fair_rivals_are_followed():
     path = trace(AGENT[None], PLACE[None], NEW[None], NEW[None], np.array([1]))
     value = np.array([[path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0] - HEADING)]])
     for anchor, followed in ((0, 2), (-1, 3)):
-        heard = AnchorScan.of(anchor, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
-        found = add_chosen(state_of(belief), births, heard, np.zeros(1), SIGNAL, model)[0]
+        scan = AnchorScan.of(anchor, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
+        found = add_chosen(state_of(belief), births, scan, np.zeros(1), SIGNAL, model)[0]
         assert len(found.surfaces) == followed
 
 
@@ -71,12 +71,12 @@ def beside_the_sight(departs_deg, arrives_deg):
     path = trace(agent[None], place[None], wall, wall, np.array([1]))
     value = np.array([path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0])])
     value += [0, np.radians(departs_deg), np.radians(arrives_deg)]
-    heard = AnchorScan.of(0, place, 0.0, value[None], np.full((1, 3), np.nan), np.array([2.5]))
+    scan = AnchorScan.of(0, place, 0.0, value[None], np.full((1, 3), np.nan), np.array([2.5]))
     belief = Belief(np.array([*agent, 0, 0, 0.0]), np.diag(np.square([0.05, 0.05, 0.05, 0.05, 0.03])))
     model = model_of("alcove", [[*place, 0.0]])
     births = Births(np.zeros(1, int), NOBODY, wall, np.ones(1), np.zeros(1, np.int32))
-    found = add_chosen(state_of(belief), births, heard, np.zeros(1), SIGNAL, model)[0]
-    return found.belief.lines, initialise_surface(births, 0, heard, belief, SIGNAL, model)
+    found = add_chosen(state_of(belief), births, scan, np.zeros(1), SIGNAL, model)[0]
+    return found.belief.lines, initialise_surface(births, 0, scan, belief, SIGNAL, model)
 
 
 def test_a_line_that_bends_too_much_to_be_linearised_is_put_off():
@@ -98,13 +98,13 @@ def born(off_deg, double, new=NEW):
     value = np.array(
         [[path.distance[0], wrap(path.departure[0]), wrap(path.arrival[0] - HEADING + np.radians(off_deg))]]
     )
-    heard = AnchorScan.of(0, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
+    scan = AnchorScan.of(0, PLACE, 0.0, value, np.full((1, 3), np.nan), np.array([4.0]))
     spread = np.diag(np.square([0.02, 0.02, 0.05, 0.05, np.radians(0.5)]))
     belief = append(Belief(np.array([*AGENT, 0, 0, HEADING]), spread), KNOWN, np.diag([1e-6, 1e-6]))
     hit = np.array([[0 if double else -1, -1]], np.int32)
     births = Births(np.zeros(1, int), hit, new[None], np.ones(1), np.zeros(1, np.int32))
     model = model_of("alcove", [[*PLACE, 0.0]])
-    return initialise_surface(births, 0, heard, belief, SIGNAL, model)[0], value[0, 0]
+    return initialise_surface(births, 0, scan, belief, SIGNAL, model)[0], value[0, 0]
 
 
 def length(belief, double):
@@ -160,22 +160,22 @@ def worth_a_birth(draw, surfaces, clocks, rises):
     height = reference.tall(mean, 5 + clocks, 1, places)
     path = trace(mean[None, :2], places[1:, :2], lines[[last]], lines[[first]], bounces, height)
     value = np.array([path.distance[0], path.departure[0] - places[1, 2], path.arrival[0] - mean[4]])
-    heard = random_table(draw, 3)
-    heard[1, :3] = value + draw.normal(0, [0.02, 0.1, 0.2])
-    heard[1, 0] += reference.late(mean, 5 + clocks, 1, places)
-    heard[1, 1:3] = wrap(heard[1, 1:3])
-    heard[1, 3:6] = draw.choice([0.0, 0.05], 3)
-    heard[1, 4] = draw.choice([-1.0, 0.0, 0.05])
+    table = random_table(draw, 3)
+    table[1, :3] = value + draw.normal(0, [0.02, 0.1, 0.2])
+    table[1, 0] += reference.late(mean, 5 + clocks, 1, places)
+    table[1, 1:3] = wrap(table[1, 1:3])
+    table[1, 3:6] = draw.choice([0.0, 0.05], 3)
+    table[1, 4] = draw.choice([-1.0, 0.0, 0.05])
     radio = random_radio(draw)
     radio[:, 2:4] *= draw.choice([0.0, 1.0], p=[0.2, 0.8])  # an array without extent tells no AoD
-    return mean, covariance, 5 + clocks, 1, places, heard, 1, last, first, radio
+    return mean, covariance, 5 + clocks, 1, places, table, 1, last, first, radio
 
 
 def nudged(into):
     """The same with a measured distance that is a millimetre longer."""
-    heard = into[5].copy()
-    heard[into[6], 0] += 1e-3
-    return *into[:5], heard, *into[6:]
+    table = into[5].copy()
+    table[into[6], 0] += 1e-3
+    return *into[:5], table, *into[6:]
 
 
 @pytest.mark.slow
@@ -208,7 +208,7 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, unknown):
 
 
 def test_a_birth_of_what_is_not_there_is_refused():
-    heard = AnchorScan.of(0, PLACE, 0.0, np.ones((1, 3)), np.full((1, 3), np.nan), np.array([4.0]))
+    scan = AnchorScan.of(0, PLACE, 0.0, np.ones((1, 3)), np.full((1, 3), np.nan), np.array([4.0]))
     belief, anchors = Belief(np.zeros(5), np.eye(5)), np.array([[*PLACE, 0.0]])
     row, line, ratio = np.zeros(1, int), NEW[None], np.ones(1)
     for births, places in (
@@ -217,4 +217,4 @@ def test_a_birth_of_what_is_not_there_is_refused():
         (Births(row, np.array([[-1, -1]]), line, ratio, row), anchors[:0]),
     ):
         with pytest.raises(ValueError, match="doesn't exist"):
-            initialise_surface(births, 0, heard, belief, SIGNAL, model_of("alcove", places))
+            initialise_surface(births, 0, scan, belief, SIGNAL, model_of("alcove", places))

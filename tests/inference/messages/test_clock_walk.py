@@ -136,9 +136,9 @@ def test_steps_that_say_nothing_of_the_walk_leave_it_alone(world):
     ):  # fmt: skip
         other = replace(with_clocks(before, np.ones(FREE), 0.5 * np.eye(FREE)), **changes)
         assert learn_walk(before, other, model) is other
-    unheard = learned(world, np.zeros(FREE), before=1.0, after=1.0)
-    np.testing.assert_array_equal(unheard.log, 0)
-    assert (np.diff(unheard.variance) > 0).all()  # but clocks have walked on
+    silent = learned(world, np.zeros(FREE), before=1.0, after=1.0)
+    np.testing.assert_array_equal(silent.log, 0)
+    assert (np.diff(silent.variance) > 0).all()  # but clocks have walked on
     without = learned(world, 1e-3 * AMONG_AGENTS, records=(astray, *state.records[1:]))
     assert without.free.tolist() == [True] * 4 + [False, True, True]
     np.testing.assert_array_equal(without.log, 0)  # filters start again where other clocks are heard
@@ -179,8 +179,8 @@ def test_the_walks_of_simulated_clocks_are_found(world, true):
         before = replace(with_clocks(state, mean, covariance), time_s=float(step))
         size = rows @ covariance @ rows.T + noise**2 * np.eye(len(rows))
         gain = np.linalg.solve(size, rows @ covariance).T
-        heard = rows @ offset + noise * draw.standard_normal(len(rows))
-        mean, covariance = mean + gain @ (heard - rows @ mean), covariance - gain @ rows @ covariance
+        received = rows @ offset + noise * draw.standard_normal(len(rows))
+        mean, covariance = mean + gain @ (received - rows @ mean), covariance - gain @ rows @ covariance
         after = with_clocks(before, mean, covariance)
         state = learn_walk(before, after, model)
         error = ways @ (mean - offset)

@@ -43,7 +43,7 @@ def world(clocks=True, late=LATE):
     return state_of(belief, anchors=2, existence=0.95), replace(model, radio=radio)
 
 
-def heard(rows, late, label):
+def scan_of(rows, late, label):
     """A scan of paths (anchor, lines by number), and of their lengths by these clocks."""
     lines, value, strength = np.concatenate([WALLS, [[-2.0, 5.0]]]), [], []
     for anchor, *hits in rows:
@@ -98,7 +98,7 @@ ROWS = [(0,), (1,), (0, 0), (1, 1), (1, 2)]
 
 def test_clocks_that_are_off_are_found_and_by_all_paths():
     state, model = world(late=LATE + np.array([0.8, -0.6]))
-    after, _, _, exchange, _ = taken_in(state, model, heard(ROWS[:4], LATE, [-1] * 4))
+    after, _, _, exchange, _ = taken_in(state, model, scan_of(ROWS[:4], LATE, [-1] * 4))
     layout = after.belief.layout
     np.testing.assert_allclose(after.belief.mean[layout.anchor_clocks], LATE, atol=0.1)
     spread = np.sqrt(np.diag(after.belief.covariance)[layout.anchor_clocks])
@@ -113,7 +113,7 @@ def test_a_constant_on_a_clock_and_its_distances_changes_nothing_else():
     found = []
     for late in (LATE, LATE + shift):
         state, model = world(late=late)
-        found.append(taken_in(state, model, heard(ROWS, late, [-1] * 5)))
+        found.append(taken_in(state, model, scan_of(ROWS, late, [-1] * 5)))
     (one, ratios, births, _, born), (other, more, others, _, again) = found
     np.testing.assert_allclose(more.beta, ratios.beta, rtol=2e-3, atol=1e-6)
     np.testing.assert_allclose(others.ratio, births.ratio, rtol=2e-3)
@@ -131,7 +131,7 @@ def test_a_constant_on_a_clock_and_its_distances_changes_nothing_else():
 @pytest.mark.parametrize("clocks", [False, True])
 def test_known_labels_make_one_association_of_all_that_of_each_anchor(clocks):
     state, model = world(clocks)
-    scan = heard(ROWS, LATE if clocks else np.zeros(2), [row[0] for row in ROWS])
+    scan = scan_of(ROWS, LATE if clocks else np.zeros(2), [row[0] for row in ROWS])
     _, ratios, births, exchange, _ = taken_in(state, model, scan)
     for anchor in range(2):
         _, own, mine, apart, _ = taken_in(state, model, scan, anchor)
@@ -154,7 +154,7 @@ def test_known_labels_make_one_association_of_all_that_of_each_anchor(clocks):
 
 def test_a_new_wall_is_thought_of_for_every_anchor_and_the_right_one_is_likeliest():
     state, model = world()
-    scan = heard([(1, 2)], LATE, [-1])
+    scan = scan_of([(1, 2)], LATE, [-1])
     _, ratios, births, _, born = taken_in(state, model, scan)
     assert ratios.new[0] == pytest.approx(1 + births.ratio.sum())
     assert born[0][0][0] == births.anchor[births.ratio.argmax()] == 1
@@ -169,7 +169,7 @@ def test_a_new_wall_is_thought_of_for_every_anchor_and_the_right_one_is_likelies
 
 def test_a_new_line_shares_the_error_of_the_clock_that_made_it():
     state, model = world()
-    after, _, _, _, born = taken_in(state, model, heard([(1, 2)], LATE, [1]))
+    after, _, _, _, born = taken_in(state, model, scan_of([(1, 2)], LATE, [1]))
     assert len(born) == 1
     layout, covariance = after.belief.layout, after.belief.covariance
     clock, offset = layout.anchor_clocks.start + 1, layout.line(2)[1]

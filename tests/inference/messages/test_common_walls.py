@@ -122,7 +122,7 @@ def test_a_ring_where_a_known_wall_puts_an_image_settles_there(model):
     np.testing.assert_allclose(difference, 0, atol=1e-9)
 
 
-def heard(state, model, anchor, places, seed, snr_db=25.0):
+def sampled(state, model, anchor, places, seed, snr_db=25.0):
     """Samples of line of sight and images, and what a step finds in them."""
     rng, start = np.random.default_rng(seed), model.start_mean[:2]
     span = [np.linalg.norm(start - p) for p in (model.anchor_positions[anchor], *places)]
@@ -139,9 +139,9 @@ def test_an_image_is_proposed_where_its_path_is_heard_only(model):
     place = images_of(model, 1)[0]
     state = with_images(model, (0, images_of(model, 0)[0], 0))
     for places, count in (([place], 2), ([], 1), ([place - np.array([0.0, 2.0])], 1)):
-        begun = propose_images(*heard(state, model, 1, places, 1), model)
+        begun = propose_images(*sampled(state, model, 1, places, 1), model)
         assert len(begun.images) == count, places
-    begun = propose_images(*heard(state, model, 1, [place], 1), model)
+    begun = propose_images(*sampled(state, model, 1, [place], 1), model)
     assert begun.images.bounces.tolist() == [0, -1]
     assert merge_images(begun) is begun
 
@@ -150,18 +150,18 @@ def test_a_proposed_image_is_judged_without_what_stands_in_for_it(model):
     """A loose image on the same path explains it; the proposed one is believed all the same, and stays."""
     place = images_of(model, 1)[0]
     state = with_images(model, (0, images_of(model, 0)[0], 0))
-    state = propose_images(*heard(state, model, 1, [place], 1), model)
+    state = propose_images(*sampled(state, model, 1, [place], 1), model)
     away = float(np.linalg.norm(place - state.belief.mean[:2]))
     state = ring_at(state, model, 1, away)
-    state, paths, found = heard(state, model, 1, [place], 2)
+    state, paths, found = sampled(state, model, 1, [place], 2)
     plain = found.inverse.without(found.mode.distance)
     matched, own = judge_proposals(state, paths, found)
     assert matched[1] / own[1] > 5 * plain[0][1] / plain[1][1]
     assert matched[0] == plain[0][0]
     assert own[0] == plain[1][0]
     for seed in range(3, 6):
-        state = update_levels(*heard(state, model, 1, [place], seed))
-        state = retire_substitutes(*heard(state, model, 1, [place], seed))
+        state = update_levels(*sampled(state, model, 1, [place], seed))
+        state = retire_substitutes(*sampled(state, model, 1, [place], seed))
     assert state.images.existence[1] > 0.9
     assert state.tentative.rings.existence[0] < 0.95
     assert confirm_proposals(state).images.bounces.tolist() == [0, -1]  # not heard for long yet
@@ -171,7 +171,7 @@ def test_a_proposed_image_is_judged_without_what_stands_in_for_it(model):
 
 def test_a_proposed_image_without_a_path_is_given_up(model):
     state = with_images(model, (0, images_of(model, 0)[0], 0))
-    state = propose_images(*heard(state, model, 1, [images_of(model, 1)[0]], 1), model)
+    state = propose_images(*sampled(state, model, 1, [images_of(model, 1)[0]], 1), model)
     for seed in range(10):
-        state = update_levels(*heard(state, model, 1, [], seed))
+        state = update_levels(*sampled(state, model, 1, [], seed))
     assert state.images.existence[1] < 0.06

@@ -25,11 +25,11 @@ def scan_of(distance, aoa=0.0, amplitude=4.0):
     return AnchorScan.of(0, np.zeros(2), 0.0, value, std, loud, 2.0)
 
 
-def pairs_of(heard, variance):
-    index = np.column_stack([np.zeros(len(heard), int), np.arange(len(heard))]).astype(np.int32)
-    pair = np.ones((len(heard), 8))
-    pair[:, :3], pair[:, 3:6] = heard.table[:, :3], variance
-    return Pairs(len(heard), np.array([0, len(heard)], np.int32), index, pair)
+def pairs_of(scan, variance):
+    index = np.column_stack([np.zeros(len(scan), int), np.arange(len(scan))]).astype(np.int32)
+    pair = np.ones((len(scan), 8))
+    pair[:, :3], pair[:, 3:6] = scan.table[:, :3], variance
+    return Pairs(len(scan), np.array([0, len(scan)], np.int32), index, pair)
 
 
 def test_a_crowd_is_four_faint_measurements_side_by_side_and_nothing_less():
@@ -65,9 +65,9 @@ def test_paths_over_floor_and_ceiling_make_no_crowd_with_those_of_their_wall():
 
 
 def test_a_crowd_tells_what_one_measurement_of_its_middle_would():
-    heard, variance = scan_of([10.0, 10.0, 10.0, 10.0]), np.array([9e-4, 1e-2, 4e-3])
-    before = pairs_of(heard, variance)
-    after = crowded_as_one(before, heard)
+    scan, variance = scan_of([10.0, 10.0, 10.0, 10.0]), np.array([9e-4, 1e-2, 4e-3])
+    before = pairs_of(scan, variance)
+    after = crowded_as_one(before, scan)
     np.testing.assert_allclose((1 / after.pair[:, 3:6]).sum(0), 1 / variance)
     np.testing.assert_array_equal(before.pair[:, 3:6], np.tile(variance, (4, 1)), "not changed in place")
     spread = scan_of([9.9, 9.9, 10.1, 10.1])
@@ -76,10 +76,10 @@ def test_a_crowd_tells_what_one_measurement_of_its_middle_would():
 
 
 def test_alone_pairs_stay_the_same_object():
-    heard = scan_of([5.0, 10.0, 10.1, 10.2])
-    pairs = pairs_of(heard, 0.01)
-    assert len(heard) > OTHERS
-    assert crowded_as_one(pairs, heard) is pairs
+    scan = scan_of([5.0, 10.0, 10.1, 10.2])
+    pairs = pairs_of(scan, 0.01)
+    assert len(scan) > OTHERS
+    assert crowded_as_one(pairs, scan) is pairs
     mixed = scan_of([5.0, 10.0, 10.1, 10.2, 10.3])
     widened = crowded_as_one(pairs_of(mixed, 0.01), mixed).pair[:, 3]
     assert widened[0] == 0.01
@@ -105,16 +105,16 @@ def test_three_nearly_identical_paths_come_within_a_deviation_of_enumeration(see
     variance[0], variance[2:4] = 0.1**2, 1e-6
     state, work = state_of(Belief(mean, np.diag(variance)), existence=1 - 1e-7), Workspace(model, seed=1)
     truth = 5.0 + 0.1 * draw.standard_normal()
-    heard = scan_of(2 * walls - truth + 0.03 * draw.standard_normal(3))
+    scan = scan_of(2 * walls - truth + 0.03 * draw.standard_normal(3))
     paths = predict_paths(state, 0, model, work=work)
     strength = Steady(np.ones((len(paths), 1)), np.array([4.0]))
-    _, ratios = evaluate(heard, paths, np.ones(len(paths)), strength, model.radio, model, work=work)
+    _, ratios = evaluate(scan, paths, np.ones(len(paths)), strength, model.radio, model, work=work)
     ratios.new[:] = 1.0
-    found, exchange = update_surfaces_and_agent(state, heard, paths, ratios, np.zeros(1), model, work=work)
+    found, exchange = update_surfaces_and_agent(state, scan, paths, ratios, np.zeros(1), model, work=work)
     assert exchange.responsible.sum(0).max() < 1 + 1e-9
 
     x = np.linspace(4.4, 5.6, 2401)
-    gap = heard.value[:, 0][:, None, None] - (2 * walls[:, None] - x)  # by measurement, wall and place
+    gap = scan.value[:, 0][:, None, None] - (2 * walls[:, None] - x)  # by measurement, wall and place
     match = np.exp(-0.5 * (gap / 0.03) ** 2)
     density = sum(match[m, range(3)].prod(0) for m in map(list, permutations(range(3))))
     density = density * np.exp(-0.5 * ((x - 5.0) / 0.1) ** 2)

@@ -30,7 +30,7 @@ def at(state, agent, *lines):
     return replace(state, belief=Belief(mean, 1e-4 * np.eye(len(mean))))
 
 
-def heard(state, rays=SINGLE, share=0.9):
+def marked(state, rays=SINGLE, share=0.9):
     """The state after its anchor's rays were heard with this probability."""
     model = model_of(anchors=ANCHOR)
     return mark_detections(
@@ -51,12 +51,12 @@ def bounce_off(line, anchor, agent):
 
 def test_ends_of_a_stretch_follow_the_line():
     first, second = np.array([4.0, 0.0]), np.array([2.0, -1.0])
-    state = heard(at(one_wall(), first, WALL))
+    state = marked(at(one_wall(), first, WALL))
     np.testing.assert_allclose(state.surfaces.extent, [[-2, -2]], atol=1e-6)  # half way
-    state = heard(at(state, second, WALL))
+    state = marked(at(state, second, WALL))
     np.testing.assert_allclose(state.surfaces.extent, [[-2, -2 / 3]], atol=1e-6)
     turned = (WALL[0] + 0.1, 1.05)
-    moved = heard(at(state, [9.0, 9.0], turned), share=0.4)  # not heard again
+    moved = marked(at(state, [9.0, 9.0], turned), share=0.4)  # not heard again
     ends = [bounce_off(turned, ANCHOR[0, :2], agent) for agent in (first, second)]
     np.testing.assert_allclose(moved.surfaces.extent, [ends], atol=1e-6)
     assert ends[0] > -1.7, "a tenth of a radian is 0.3 m here"
@@ -66,19 +66,19 @@ def test_ends_of_a_stretch_follow_the_line():
 
 def test_a_poor_first_line_leaves_no_wall_where_none_was_hit():
     """The line is born turned; the hit that was put far off comes back as the line is learned."""
-    state = heard(at(one_wall(), [4.0, 0.0], (WALL[0] + 0.25, 1.0)))
+    state = marked(at(one_wall(), [4.0, 0.0], (WALL[0] + 0.25, 1.0)))
     assert state.surfaces.extent[0, 1] > -1.4
-    state = heard(at(state, [3.9, 0.0], WALL))
+    state = marked(at(state, [3.9, 0.0], WALL))
     np.testing.assert_allclose(state.surfaces.extent, [[-2, -1.95]], atol=1e-6)
 
 
 def test_what_another_agent_left_stays():
     state = one_wall()
     state = replace(state, surfaces=replace(state.surfaces, extent=np.array([[-2.5, 3.0]])))
-    state = heard(at(state, [8.0, 0.0], WALL))
+    state = marked(at(state, [8.0, 0.0], WALL))
     np.testing.assert_allclose(state.surfaces.extent, [[-4, 3]], atol=1e-6)
     turned = (WALL[0] - 0.1, 1.0)
-    moved = heard(at(state, [8.0, 0.0], turned), share=0.1)
+    moved = marked(at(state, [8.0, 0.0], turned), share=0.1)
     end = bounce_off(turned, ANCHOR[0, :2], np.array([8.0, 0.0]))
     np.testing.assert_allclose(moved.surfaces.extent, [[end, 3.0]], atol=1e-6)
 
@@ -94,7 +94,7 @@ def test_single_and_double_bounces_hit_where_they_are_drawn(seed):
     state = at(state_of(Belief(np.zeros(9), np.eye(9))), agent, lines)
     drawn = draw_paths(rays, at_mean(state.belief), model_of(anchors=ANCHOR).places)
     assume(drawn.seen[0, 1] == 1)  # it is possible
-    bank = heard(state, rays).surfaces
+    bank = marked(state, rays).surfaces
     met = sorted({last, first})
     np.testing.assert_allclose(bank.extent[met], np.repeat(bank.foot[met, None], 2, 1), atol=1e-4)
     assert np.isnan(np.delete(bank.extent, met, 0)).all()

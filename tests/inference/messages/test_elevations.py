@@ -54,19 +54,19 @@ def test_slopes_are_differences(std):
         np.testing.assert_allclose(found.slope[:, entry], (up - down) / 2e-6, atol=1e-6)
 
 
-def heard_at(scene, seed, step=4):
+def scan_at(scene, seed, step=4):
     model = scene.filter_model("agent1")
     return split_by_anchor(gs.simulate(scene, "agent1", seed=seed).scan(step), model)[0], model
 
 
 @pytest.mark.parametrize("missing", [None, 0, 1])
 def test_factors_are_means_over_the_belief(missing):
-    heard, model = heard_at(tall(reports_std=True), 2)
-    steep = heard.elevation.copy()
+    scan, model = scan_at(tall(reports_std=True), 2)
+    steep = scan.elevation.copy()
     if missing is not None:
         steep[:, missing] = np.nan
-    heard = replace(heard, elevation=steep)
-    seen, draw = Seen.of(heard, model.radio), np.random.default_rng(1)
+    scan = replace(scan, elevation=steep)
+    seen, draw = Seen.of(scan, model.radio), np.random.default_rng(1)
     for way, sign in ((0, -1), (1, 1)):
         expected, std = 0.3, 0.1
         sampled = expected + std * draw.standard_normal(200_000)
@@ -82,29 +82,29 @@ def test_factors_are_means_over_the_belief(missing):
 
 
 def test_without_any_elevation_a_measurement_weighs_as_before():
-    heard, model = heard_at(tall(reports_std=True), 2)
-    seen = Seen.of(replace(heard, elevation=np.full_like(heard.elevation, np.nan)), model.radio)
+    scan, model = scan_at(tall(reports_std=True), 2)
+    seen = Seen.of(replace(scan, elevation=np.full_like(scan.elevation, np.nan)), model.radio)
     assert (seen.ratios(np.zeros((3, 1), int), np.zeros((3, 1)), np.ones((3, 1))) == 1).all()
 
 
 @pytest.mark.parametrize("std", [0.0, 0.05])
 def test_sure_paths_correct_as_one_stacked_update_does(std):
     scene = tall(height_std_m=std, reports_std=True)
-    heard, model = heard_at(scene, 5)
+    scan, model = scan_at(scene, 5)
     belief, rays = some_belief(np.random.default_rng(3), len(model.rise_variance))
-    foreseen, share = Foreseen.of(belief, rays, model), np.zeros((len(rays), len(heard)))
+    foreseen, share = Foreseen.of(belief, rays, model), np.zeros((len(rays), len(scan)))
     chosen = (1, 7, 13)
     near = foreseen.value[list(chosen)]
-    steep = np.full((len(heard), 4), np.nan)
+    steep = np.full((len(scan), 4), np.nan)
     gap, own = np.array([0.02, -0.01, 0.03]), np.array([0.02, 0.03, 0.04])
     steep[:3, 1], steep[:3, 3] = near + gap, own
     share[chosen, range(3)] = 1.0
-    message = np.zeros((5, len(rays), len(heard)))
+    message = np.zeros((5, len(rays), len(scan)))
     message[4] = share
     state = replace(State.start(model), belief=belief)
-    sums = np.zeros((12, len(rays))), message, np.zeros((5, len(heard))), np.zeros((1, 9))
+    sums = np.zeros((12, len(rays))), message, np.zeros((5, len(scan))), np.zeros((1, 9))
     exchange = Exchange(0, rays, *sums, 512, np.zeros((0, 2)))
-    after = correct_by_elevations(state, replace(heard, elevation=steep), exchange, model.radio, model).belief
+    after = correct_by_elevations(state, replace(scan, elevation=steep), exchange, model.radio, model).belief
     slope = foreseen.slope[list(chosen)]
     gain = belief.covariance @ slope.T
     spread = slope @ gain + np.diag(own) ** 2
@@ -162,22 +162,22 @@ class Step:
 @pytest.mark.slow
 def test_births_weigh_as_means_over_distance_and_height_and_sums_stay_sums(monkeypatch):
     run = Step(tall(height_std_m=0.1), monkeypatch, outliers=0.2)
-    for (births, _, heard, ratios, _, _), (after, summed) in run.births:
+    for (births, _, scan, ratios, _, _), (after, summed) in run.births:
         m = births.measurement.astype(int)
         for ones, sums in ((births, ratios), (after, summed)):
-            whole = 1 + np.bincount(m, ones.ratio, len(heard))
+            whole = 1 + np.bincount(m, ones.ratio, len(scan))
             np.testing.assert_allclose(sums.measured[tables.NEW], whole)
-    births, state, heard, ratios, radio, model = run.births[0][0]
-    near, m = heard.value.copy(), births.measurement.astype(int)
+    births, state, scan, ratios, radio, model = run.births[0][0]
+    near, m = scan.value.copy(), births.measurement.astype(int)
     near[:, 0] = 2.0  # of anchors 1.5 m above
-    steep = np.tile([np.nan, 0.75, np.nan, 0.05], (len(heard), 1))
-    close = replace(heard, value=near, elevation=steep)
+    steep = np.tile([np.nan, 0.75, np.nan, 0.05], (len(scan), 1))
+    close = replace(scan, value=near, elevation=steep)
     after, _ = elevation_messages.weigh_births(births, state, close, ratios, radio, model)
     anchor, draw = model.places[births.anchor], np.random.default_rng(4)
     assert len(m)
     assert np.allclose(anchor[:, 3], 1.5, atol=0.2)
     for n in range(len(m)):
-        own = deviations(close, m[[n]], heard.amplitude[m[[n]]], near[m[[n]], 1:], radio)[0, 0]
+        own = deviations(close, m[[n]], scan.amplitude[m[[n]]], near[m[[n]], 1:], radio)[0, 0]
         height = anchor[n, 3] + 0.1 * draw.standard_normal(400_000)
         angle = np.arcsin(np.clip(height / (2.0 + own * draw.standard_normal(400_000)), -1, 1))
         density = np.pi * np.exp(-0.5 * ((0.75 - angle) / 0.05) ** 2) / np.sqrt(2 * np.pi) / 0.05
@@ -188,8 +188,8 @@ def test_births_weigh_as_means_over_distance_and_height_and_sums_stay_sums(monke
 @pytest.mark.parametrize("system", [GridSlam, AdaptiveSlam])
 def test_every_message_of_a_measurement_is_multiplied_by_the_same_factor(monkeypatch, system):
     run = Step(tall(reports_std=True), monkeypatch, system)
-    for (state, heard, paths, ratios, radio, model), after in run.weights:
-        seen, path = Seen.of(heard, radio), Foreseen.of(state.belief, paths.rays, model)
+    for (state, scan, paths, ratios, radio, model), after in run.weights:
+        seen, path = Seen.of(scan, radio), Foreseen.of(state.belief, paths.rays, model)
         factor = seen.ratios(path.way[:, None], path.value[:, None], path.variance[:, None])
         for row in (tables.RATIO, tables.BETA):
             np.testing.assert_allclose(after.message[row], ratios.message[row] * factor)
@@ -207,11 +207,11 @@ def test_scenes_without_heights_make_nothing_of_elevations():
 
 
 def test_elevations_over_levels_are_as_rough_as_they_are_steep_themselves():
-    heard, model = heard_at(tall(), 2)
-    steep = np.full_like(heard.elevation, np.nan)
+    scan, model = scan_at(tall(), 2)
+    steep = np.full_like(scan.elevation, np.nan)
     steep[:, 1] = 1.0
-    seen = Seen.of(replace(heard, elevation=steep), model.radio)
-    anchor = np.zeros(len(heard), int)
-    level = model.radio.elevation_std(np.maximum(heard.amplitude, model.radio.threshold), anchor, np.cos(1.0))
+    seen = Seen.of(replace(scan, elevation=steep), model.radio)
+    anchor = np.zeros(len(scan), int)
+    level = model.radio.elevation_std(np.maximum(scan.amplitude, model.radio.threshold), anchor, np.cos(1.0))
     np.testing.assert_allclose(seen.variance[1], level[:, 1] ** 2)
     assert (seen.variance[0] != seen.variance[1]).all()

@@ -64,11 +64,11 @@ def test_evidence_over_all_scans_of_a_tiny_sensor_sums_to_one():
     clutter, births = np.array([0.02, 0.01, 0.016, 0.004]), np.array([0.002, 0.0, 0.004, 0.006])
     there, detected = np.array([0.9, 0.6]), np.array([[0.5, 0.3, 0.0, 0.0], [0.0, 0.0, 0.2, 0.7]])
     missed, total = 1 - there * detected.sum(1), 0.0
-    for heard in range(6):
-        for cells in itertools.product(range(4), repeat=heard):
+    for count in range(6):
+        for cells in itertools.product(range(4), repeat=count):
             cells = np.array(cells, np.intp)
             beta = there[:, None] * detected[:, cells] / clutter[cells]
-            chance = np.exp(-clutter.sum()) * np.prod(clutter[cells]) / factorial(heard)
+            chance = np.exp(-clutter.sum()) * np.prod(clutter[cells]) / factorial(count)
             total += chance * np.exp(settled(beta, missed, 1 + births[cells] / clutter[cells]))
     assert total == pytest.approx(np.exp(births.sum()), abs=2e-5)  # less than 2e-5 lies beyond five
 
@@ -82,12 +82,12 @@ class Steady:
     spreading: bool = False
 
 
-def evaluated(state, heard, model, amplitude):
+def evaluated(state, scan, model, amplitude):
     """An anchor's measurements against all paths of a state, each of a known amplitude."""
     work = Workspace(model, seed=1)
     paths = predict_paths(state, 0, model, work=work)
     strength = Steady(np.ones((len(paths), 1)), np.array([amplitude]))
-    _, ratios = evaluate(heard, paths, np.ones(len(paths)), strength, model.radio, model, work=work)
+    _, ratios = evaluate(scan, paths, np.ones(len(paths)), strength, model.radio, model, work=work)
     ratios.new[:] = 1.0
     return work, paths, ratios
 
@@ -106,10 +106,10 @@ def test_a_paths_ratios_integrate_to_its_chance_of_being_detected():
     offsets = np.array(list(itertools.product(np.arange(-5, 6) * 0.9, repeat=3)))
     value = np.repeat((at + own * offsets)[None], len(level), 0).reshape(-1, 3)
     loud = np.repeat(level, len(offsets))
-    heard = AnchorScan.of(
+    scan = AnchorScan.of(
         0, np.zeros(2), 0.0, value, np.tile(own, (len(value), 1)), loud, radio.threshold
     )  # fmt: skip
-    _, _, ratios = evaluated(state, heard, model, amplitude)
+    _, _, ratios = evaluated(state, scan, model, amplitude)
     volume = 0.2 * np.prod(0.9 * own)
     floor = np.maximum(2 * loud * np.exp(-(loud**2 - radio.threshold**2)), np.exp(-25.0))
     clutter = 3.7 * floor / radio.max_distance_m / (2 * np.pi) ** 2
@@ -140,13 +140,13 @@ def test_evidence_of_a_certain_matching_is_that_of_all_measurements_stacked():
     distance = ideal + 0.3 * np.linalg.cholesky(joint) @ draw.normal(size=3)
     value = np.column_stack([distance, np.full((3, 2), np.nan)])
     own = np.column_stack([np.sqrt(noise), np.full((3, 2), np.nan)])
-    heard = AnchorScan.of(0, np.zeros(2), 0.0, value, own, np.full(3, 30.0), model.radio.threshold)
+    scan = AnchorScan.of(0, np.zeros(2), 0.0, value, own, np.full(3, 30.0), model.radio.threshold)
     state = state_of(Belief(mean, covariance), existence=1 - 1e-7)
-    work, paths, ratios = evaluated(state, heard, model, 30.0)
+    work, paths, ratios = evaluated(state, scan, model, 30.0)
     assert len(paths) == 3
     assert np.count_nonzero(ratios.beta) == 3
     turned = np.zeros(1)
-    after, exchange = update_surfaces_and_agent(state, heard, paths, ratios, turned, model, work=work)
+    after, exchange = update_surfaces_and_agent(state, scan, paths, ratios, turned, model, work=work)
     row, pair = ratios.pairs.index[:3, 0], ratios.pairs.pair[:3]
     there = exchange.odds[tables.THERE, row]
     # the angles weren't measured: the density makes up for what the kernel's three dimensions take off there
@@ -245,11 +245,11 @@ def test_evidence_chooses_the_true_number_of_walls(truth, rival):
     draw, won, draws, detected = np.random.default_rng(8), 0, 200, 0.9
     for _ in range(draws):
         lead = 0.0
-        for heard in draw_scans(draw, np.array(truth), detected, 10):
+        for scan in draw_scans(draw, np.array(truth), detected, 10):
             for places, sign in ((truth, 1), (rival, -1)):
-                gap = (heard - np.array(places)[:, None]) / 0.05
+                gap = (scan - np.array(places)[:, None]) / 0.05
                 ratio = np.exp(-0.5 * gap**2) / (np.sqrt(2 * np.pi) * 0.05) * 20
                 beta, missed = 0.98 * detected * ratio, np.full(len(places), 1 - 0.98 * detected)
-                lead += sign * settled(beta, missed, np.full(len(heard), 1.1))
+                lead += sign * settled(beta, missed, np.full(len(scan), 1.1))
         won += lead > 0
     assert won >= 0.95 * draws

@@ -37,8 +37,8 @@ def at(line, pose, place=PLACE):
     return single_bounces(line, place, pose).value
 
 
-def borne(line, heard, left, state, model, m=0):
-    gain, seen = borne_out(np.array([line]), heard, np.array([m], np.int32), state, left, model.radio, model)
+def borne(line, scan, left, state, model, m=0):
+    gain, seen = borne_out(np.array([line]), scan, np.array([m], np.int32), state, left, model.radio, model)
     return gain[0], int(seen[0])
 
 
@@ -48,8 +48,8 @@ def scene_of(left, spread=1e-8):
     belief = Belief(np.array([*POSE[:2], 0, 0, POSE[2]]), np.diag(np.full(5, spread)))
     state = replace(state_of(belief, 2), leftovers=left)
     std = np.array([[0.05, ANGLE, ANGLE]])
-    heard = AnchorScan.of(0, PLACE[:2], PLACE[2], at(LINE, POSE)[None], std, np.array([2.4]))
-    return model, state, heard
+    scan = AnchorScan.of(0, PLACE[:2], PLACE[2], at(LINE, POSE)[None], std, np.array([2.4]))
+    return model, state, scan
 
 
 def left_over(back, value, steps, amplitude=2.2):
@@ -63,8 +63,8 @@ def left_over(back, value, steps, amplitude=2.2):
 
 def test_one_earlier_measurement_counts_as_worked_out_by_hand():
     value = at(LINE, POSE) + np.array([0.06, 0.03, -0.05])
-    model, state, heard = scene_of(left_over([1], value, 2))
-    gain, seen = borne(LINE, heard, state.leftovers, state, model)
+    model, state, scan = scene_of(left_over([1], value, 2))
+    gain, seen = borne(LINE, scan, state.leftovers, state, model)
     assert seen == 1
     # the same line, measured twice: what one measurement of three numbers leaves open of two
     noise = np.diag(np.square([0.05, ANGLE, ANGLE]))
@@ -97,16 +97,16 @@ def test_lines_are_borne_out_as_by_the_plain_twin():
         pose, root @ root.transpose(0, 2, 1), back, anchor, value, std,
         draw.uniform(1.8, 4.0, rows),
     )  # fmt: skip
-    heard = AnchorScan.of(
+    scan = AnchorScan.of(
         1, model.places[1, :2], model.places[1, 2], single_bounces(lines, model.places[1], POSE).value,
         np.tile([0.05, ANGLE, ANGLE], (len(lines), 1)), np.full(len(lines), 2.4),
     )  # fmt: skip
     order = draw.permutation(len(lines)).astype(np.int32)
-    gain, seen = borne_out(lines[order], heard, order, state, left, model.radio, model)
+    gain, seen = borne_out(lines[order], scan, order, state, left, model.radio, model)
     table, belief = detection_table(model.radio), state.belief
     expected = reference.bear_out(
         1, table.step, table.chance, blocks.Belief(belief.mean, belief.covariance),
-        blocks.Anchors(model.places, model.radio.numbers), heard.table,
+        blocks.Anchors(model.places, model.radio.numbers), scan.table,
         blocks.Left(pose, left.covariance, left.begin, left.rows),
         blocks.Borne(lines[order], order, gain, seen, np.zeros((4, 2, BINS))),
     )  # fmt: skip
@@ -114,11 +114,11 @@ def test_lines_are_borne_out_as_by_the_plain_twin():
     np.testing.assert_array_equal(seen, expected[1])
     assert gain.max() > 1
     with pytest.raises(ValueError, match="doesn't exist"):
-        borne_out(lines, heard, order + 1, state, left, model.radio, model)
+        borne_out(lines, scan, order + 1, state, left, model.radio, model)
 
 
 def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alone():
-    model, state, heard = scene_of(left_over([1, 2], np.tile(at(LINE, POSE), (2, 1)), 3))
+    model, state, scan = scene_of(left_over([1, 2], np.tile(at(LINE, POSE), (2, 1)), 3))
     measured = np.zeros((tables.MEASURED_ROWS, 1))
     measured[tables.NEW] = 1.5
     old = LikelihoodRatios(None, None, np.zeros((tables.ODDS, 0)), np.zeros((5, 0, 1)), measured)
@@ -126,16 +126,16 @@ def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alon
     births = Births(np.zeros(1, np.int32), nobody, LINE[None], np.array([0.5]), np.zeros(1, np.int32))
     for array in (measured, births.ratio, births.line):
         array.setflags(write=False)
-    found, ratios = recall_leftovers(births, state, heard, old, model.radio, model)
+    found, ratios = recall_leftovers(births, state, scan, old, model.radio, model)
     assert old.new[0] == 1.5
     assert births.ratio[0] == 0.5
     assert found.ratio[0] > 5.0, "an earlier measurement bears it out"
     assert found.seen[0] == 2
     assert ratios.new[0] == pytest.approx(1.5 + found.ratio[0] - 0.5)
-    same = recall_leftovers(births, replace(state, leftovers=None), heard, old, model.radio, model)
+    same = recall_leftovers(births, replace(state, leftovers=None), scan, old, model.radio, model)
     assert same == (births, old)
     over = replace(births, hit=np.array([[3, -1]], np.int32))  # a double bounce, by a known surface
-    assert recall_leftovers(over, state, heard, old, model.radio, model) == (over, old)
+    assert recall_leftovers(over, state, scan, old, model.radio, model) == (over, old)
 
 
 def test_what_a_path_or_a_birth_explains_is_neither_left_over_nor_unexplained():
@@ -152,18 +152,18 @@ def test_what_a_path_or_a_birth_explains_is_neither_left_over_nor_unexplained():
 
 def test_silence_and_strangers_tell_nothing_for_a_line():
     nothing = left_over([], np.zeros((0, 3)), 20)
-    model, state, heard = scene_of(nothing)
-    gain, seen = borne(LINE, heard, nothing, state, model)
+    model, state, scan = scene_of(nothing)
+    gain, seen = borne(LINE, scan, nothing, state, model)
     assert seen == 0
     np.testing.assert_array_equal(gain, 0)
     strangers = left_over([3, 4], at(LINE, POSE) + np.array([[0.55, 0, 0], [0, 0.5, -0.5]]), 20)
-    few = borne(LINE, heard, strangers, state, model)[0]
+    few = borne(LINE, scan, strangers, state, model)[0]
     again = left_over([3, 4], np.tile(at(LINE, POSE), (2, 1)), 20)
-    many = borne(LINE, heard, again, state, model)[0]
+    many = borne(LINE, scan, again, state, model)[0]
     assert few.max() < 1e-3 * many.max()
     value = at(LINE, POSE) + np.array([[0, 0, 0], [0, 0.7, -0.7]])
     mixed, alone = left_over([3, 3], value, 20), left_over([3], value[:1], 20)
-    mixed, alone = (borne(LINE, heard, some, state, model)[0] for some in (mixed, alone))
+    mixed, alone = (borne(LINE, scan, some, state, model)[0] for some in (mixed, alone))
     assert alone.max() > 0
     np.testing.assert_array_equal(mixed, alone, "one of the step that fits counts, whatever else was heard")
 

@@ -41,7 +41,7 @@ def state_of(seed, spread=0.03, features=1):
     return ImageState(agent, known, 3, features), draw
 
 
-def heard_of(state, shift=(0.01, 0.05, -0.04), amplitude=3.2):
+def scan_of(state, shift=(0.01, 0.05, -0.04), amplitude=3.2):
     """One measurement near what the mean of the first virtual anchor predicts."""
     mean = path_values(
         state.agent.mean(0)[None],
@@ -52,7 +52,7 @@ def heard_of(state, shift=(0.01, 0.05, -0.04), amplitude=3.2):
     return AnchorScan.of(1, ANCHOR[:2], ANCHOR[2], (mean + shift)[None], UNMEASURED, np.array([amplitude]))
 
 
-def by_hand(state, heard):
+def by_hand(state, scan):
     """The first feature's ratio to clutter at all particles, by scipy's densities; and detection, (P,)."""
     level = state.features.intensity[0]
     values = path_values(state.agent, state.features.position[:1], np.zeros(1, bool), ANCHOR)[:, 0]
@@ -64,11 +64,11 @@ def by_hand(state, heard):
         scales.append(1 / (np.sqrt(8) * np.pi * mean * np.sqrt(square)))
     density = np.ones(COUNT)
     for kind in range(3):
-        off = heard.value[0, kind] - values[kind]
+        off = scan.value[0, kind] - values[kind]
         density *= norm.pdf(wrap(off) if kind else off, scale=scales[kind])
     noise = np.sqrt(0.5 + level**2 / (4 * RADIO.samples))
-    density *= rice.pdf(heard.amplitude[0], level / noise, scale=noise)
-    clutter = RADIO.false_alarms * np.exp(RADIO.log_clutter(heard.amplitude[:1]))[0]
+    density *= rice.pdf(scan.amplitude[0], level / noise, scale=noise)
+    clutter = RADIO.false_alarms * np.exp(RADIO.log_clutter(scan.amplitude[:1]))[0]
     return density / clutter, rice.sf(RADIO.threshold, level / noise, scale=noise)
 
 
@@ -86,11 +86,11 @@ def test_paths_are_those_of_the_shared_geometry():
 @pytest.mark.parametrize("seed", range(3))
 def test_one_feature_and_one_measurement_weigh_as_all_their_events_say(seed):
     state, draw = state_of(seed)
-    heard = heard_of(state)
-    new = propose_images(state, heard, RADIO, MODEL, draw)
-    seen = evaluate_images(state, heard, RADIO, ANCHOR)
+    scan = scan_of(state)
+    new = propose_images(state, scan, RADIO, MODEL, draw)
+    seen = evaluate_images(state, scan, RADIO, ANCHOR)
     found = associate_images(state, seen, new)
-    ratio, detected = by_hand(state, heard)
+    ratio, detected = by_hand(state, scan)
     np.testing.assert_allclose(seen.ratio[0, 0], ratio, rtol=1e-6, atol=1e-6 * ratio.max())
     np.testing.assert_allclose(1 - seen.missed[0], detected, atol=1e-4)
     exists, birth = state.features.existence[0], new.odds[0]
@@ -103,17 +103,17 @@ def test_one_feature_and_one_measurement_weigh_as_all_their_events_say(seed):
     odds = updated.existence[0] / (1 - updated.existence[0])
     assert odds == pytest.approx(there / ((1 - exists) * (1 + birth)), rel=1e-3)
     easy = type(MODEL.settings)(prune_below=1e-12)
-    born = born_images(state, heard, new, found, _with(easy), draw)
-    unheard = 1 - exists * detected.mean()
-    expected = birth * unheard / ((1 + birth) * unheard + exists * ratio.mean())
+    born = born_images(state, scan, new, found, _with(easy), draw)
+    undetected = 1 - exists * detected.mean()
+    expected = birth * undetected / ((1 + birth) * undetected + exists * ratio.mean())
     assert born.existence[0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_updated_particles_follow_their_weights():
     state, draw = state_of(5, 0.2)
-    heard = heard_of(state)
-    seen = evaluate_images(state, heard, RADIO, ANCHOR)
-    found = associate_images(state, seen, propose_images(state, heard, RADIO, MODEL, draw))
+    scan = scan_of(state)
+    seen = evaluate_images(state, scan, RADIO, ANCHOR)
+    found = associate_images(state, seen, propose_images(state, scan, RADIO, MODEL, draw))
     updated = updated_images(state, seen, found, draw)
     weight = found.bracket[0] / found.bracket[0].sum()
     where = state.features.position[0]
@@ -127,9 +127,9 @@ def test_odds_of_a_birth_are_the_integral_over_where_it_may_be():
     state, draw = state_of(7)
     count = 20_000
     state = ImageState(np.tile(state.agent[:1], (count, 1)), state.features, 3, 1)
-    heard = heard_of(state_of(7)[0])
-    odds = propose_images(state, heard, RADIO, MODEL, draw).odds[0]
-    value, level = heard.value[0], heard.amplitude[0]
+    scan = scan_of(state_of(7)[0])
+    odds = propose_images(state, scan, RADIO, MODEL, draw).odds[0]
+    value, level = scan.value[0], scan.amplitude[0]
     angle = [1 / (np.sqrt(8) * np.pi * level * np.sqrt(array[0])) for array in (
         RADIO.anchor_aperture[1], RADIO.agent_aperture)]  # fmt: skip
     distance = value[0] + RADIO.distance_scale / level * np.linspace(-6, 6, 241)
@@ -147,7 +147,7 @@ def test_odds_of_a_birth_are_the_integral_over_where_it_may_be():
     own = np.sqrt(0.5 + u**2 / (4 * RADIO.samples))
     strength = norm.pdf(u, level, noise) @ rice.pdf(level, u / own, scale=own) * (u[1] - u[0])
     side = np.array(MODEL.grid.shape) * MODEL.grid.cell_m
-    clutter = RADIO.false_alarms * np.exp(RADIO.log_clutter(heard.amplitude))[0]
+    clutter = RADIO.false_alarms * np.exp(RADIO.log_clutter(scan.amplitude))[0]
     expected = (
         MODEL.settings.births / (SPREAD**2 * side.prod()) * (density * far).sum() * cell * strength / clutter
     )

@@ -39,12 +39,12 @@ places = st.tuples(st.floats(-20, 20), st.floats(-20, 20)).map(np.array)
 @settings(max_examples=30, deadline=None)
 def test_association_is_exact_on_a_tree_and_close_to_enumeration_otherwise(seed):
     draw = np.random.default_rng(seed)
-    paths, heard = draw.integers(1, 4, 2)
-    beta, missed, new = random_association(draw, paths, heard, 0.6)
+    paths, measured = draw.integers(1, 4, 2)
+    beta, missed, new = random_association(draw, paths, measured, 0.6)
     nu, _ = associate(beta, missed, new)
     weight = beta * nu
     found = weight / (missed[:, None] + weight.sum(1, keepdims=True))
-    tree = paths == 1 or heard == 1
+    tree = paths == 1 or measured == 1
     np.testing.assert_allclose(found, enumerate_marginals(beta, missed, new), atol=1e-5 if tree else 0.2)
 
 

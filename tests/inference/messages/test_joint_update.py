@@ -21,7 +21,7 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 
 POINTS = np.array([[3.0, 4.0, 0.0], [-6.0, 2.0, 0.0], [2.0, -5.0, 3.0]])  # line of sight, image, scatterer
 POWERS = np.array([4000.0, 2000.0, 1200.0])
-HEARD = np.array([True])
+AUDIBLE = np.array([True])
 
 
 def belief(agent=(0.0, 0.0, 0.5, 0.0), spread=0.1, features=2, power=POWERS):
@@ -157,7 +157,7 @@ def test_errors_are_as_large_as_the_covariance_says():
         points = np.concatenate([POINTS[:1], places(truth, one.features.origin_m)])
         for step in range(3):
             z = received(model, truth[:2], 0.3, points, POWERS, draw)
-            one, _ = update(one, z, HEARD, 0.3, model, step)
+            one, _ = update(one, z, AUDIBLE, 0.3, model, step)
         known = [0, 1, 4, 5, 7, 8, 9]
         off = (one.mean - truth)[known]
         squares.append(off @ np.linalg.solve(one.covariance[np.ix_(known, known)], off) / len(known))
@@ -167,7 +167,7 @@ def test_errors_are_as_large_as_the_covariance_says():
 def test_agent_and_features_stay_correlated():
     model, draw = signal_model(), np.random.default_rng(3)
     z = received(model, (0.05, 0.05), 0.3, POINTS[1:], POWERS[1:], draw)
-    found, _ = update(belief(spread=0.3), z, HEARD, 0.3, model, 0)
+    found, _ = update(belief(spread=0.3), z, AUDIBLE, 0.3, model, 0)
     correlation = found.covariance[0, 4] / np.sqrt(found.covariance[0, 0] * found.covariance[4, 4])
     assert abs(correlation) > 0.3
 
@@ -176,8 +176,8 @@ def test_a_heading_of_which_nothing_is_sure_turns_nothing():
     sure, vague = signal_model(), signal_model(heading_std_rad=0.5)
     draw = np.random.default_rng(5)
     z = received(sure, (0.0, 0.0), 0.5, POINTS, POWERS, draw)  # 0.2 rad beside what is measured
-    right, _ = update(belief(), z, HEARD, 0.3, vague, 0)
-    wrong, _ = update(belief(), z, HEARD, 0.3, sure, 0)
+    right, _ = update(belief(), z, AUDIBLE, 0.3, vague, 0)
+    wrong, _ = update(belief(), z, AUDIBLE, 0.3, sure, 0)
     assert np.hypot(*right.mean[:2]) < 0.1
     assert np.hypot(*right.mean[:2]) < 0.5 * np.hypot(*wrong.mean[:2])
 
@@ -187,7 +187,7 @@ def test_a_hidden_line_of_sight_is_noticed_and_one_that_comes_back_too():
     for seen, expected in ((True, True), (False, False), (False, False), (True, True)):
         rows = slice(None) if seen else slice(1, None)
         one, _ = update(
-            one, received(model, (0, 0), 0.3, POINTS[rows], POWERS[rows], draw), HEARD, 0.3, model, 0
+            one, received(model, (0, 0), 0.3, POINTS[rows], POWERS[rows], draw), AUDIBLE, 0.3, model, 0
         )
         assert (one.existence[0] > 0.5) == expected
 
@@ -196,7 +196,7 @@ def test_powers_and_noise_go_to_what_is_received():
     model, draw = signal_model(), np.random.default_rng(7)
     one = replace(belief(spread=0.01, power=np.array([400.0, 8000.0, 1200.0])), noise=np.array([3.0]))
     for step in range(60):
-        one, _ = update(one, received(model, (0, 0), 0.3, POINTS, POWERS, draw), HEARD, 0.3, model, step)
+        one, _ = update(one, received(model, (0, 0), 0.3, POINTS, POWERS, draw), AUDIBLE, 0.3, model, step)
         one = predict(replace(one, mean=np.array([0, 0, 0.5, 0, *one.mean[4:]])), 0.0, 1.0)
     np.testing.assert_allclose(one.noise, 1.0, rtol=0.1)
     np.testing.assert_allclose(one.los_power, POWERS[0], rtol=0.15)
@@ -216,8 +216,8 @@ def test_evidence_falls_with_a_feature_that_is_not_there():
     model, with_it, without = signal_model(), 0.0, 0.0
     for seed in range(10):
         z = received(model, (0, 0), 0.3, POINTS[:2], POWERS[:2], np.random.default_rng(seed))
-        with_it += update(belief(spread=0.02), z, HEARD, 0.3, model, 0)[1]
-        without += update(belief(spread=0.02, features=1), z, HEARD, 0.3, model, 0)[1]
+        with_it += update(belief(spread=0.02), z, AUDIBLE, 0.3, model, 0)[1]
+        without += update(belief(spread=0.02, features=1), z, AUDIBLE, 0.3, model, 0)[1]
     assert without > with_it
 
 
@@ -247,7 +247,7 @@ def test_features_that_are_heard_beside_their_places_leave_errors_as_large_as_cl
                 beside[[5, 8]] += 0.1 * TURNS_RAD * draw.normal(size=2) * far
                 points = np.concatenate([POINTS[:1], places(beside, one.features.origin_m)])
                 z = received(model, truth[:2], 0.3, points, POWERS, draw)
-                one, _ = update(one, z, HEARD, 0.3, model, step)
+                one, _ = update(one, z, AUDIBLE, 0.3, model, step)
             off = (one.mean - truth)[:2]
             found.append(off @ np.linalg.solve(one.covariance[:2, :2], off) / 2)
     assert 0.65 < np.mean(squares[0.1]) < 1.4  # 80 squares: a deviation of 0.16 about 1
@@ -257,8 +257,8 @@ def test_features_that_are_heard_beside_their_places_leave_errors_as_large_as_cl
 def test_without_an_extent_nothing_is_beside_its_place():
     model, draw, one = signal_model(), np.random.default_rng(8), belief()
     z = received(model, (0.05, -0.02), 0.3, POINTS, POWERS, draw)
-    none, some = (update(replace(one, extent=e), z, HEARD, 0.3, model, 0) for e in (0.0, 1e-7))
+    none, some = (update(replace(one, extent=e), z, AUDIBLE, 0.3, model, 0) for e in (0.0, 1e-7))
     np.testing.assert_allclose(none[0].mean, some[0].mean, atol=1e-8)
     assert none[1] == pytest.approx(some[1], abs=1e-6)
-    wide = update(replace(one, extent=0.1), z, HEARD, 0.3, model, 0)[0]
+    wide = update(replace(one, extent=0.1), z, AUDIBLE, 0.3, model, 0)[0]
     assert (np.diagonal(wide.covariance)[[0, 1, 4, 7]] > np.diagonal(none[0].covariance)[[0, 1, 4, 7]]).all()

@@ -100,11 +100,11 @@ def test_simulated_agents_are_told_coefficients_that_are_drawn():
 @pytest.mark.slow
 def test_a_run_is_told_what_was_drawn_and_scored_by_the_truth():
     scene = told(0.5, 0.4, (0.2, 0.0))
-    heard = gs.simulate(scene, "agent1", seed=4)
+    scan = gs.simulate(scene, "agent1", seed=4)
     start = assumed_start(scene, "agent1", 4)
-    run = gs.map_scene(scene, heard, seed=4, start=start)
+    run = gs.map_scene(scene, scan, seed=4, start=start)
     first = run.estimates[0].coefficients["floor"][0]
-    exact = GridSlam(scene, seed=4).step(heard.scan(0)).coefficients["floor"][0]
+    exact = GridSlam(scene, seed=4).step(scan.scan(0)).coefficients["floor"][0]
     assert start.coefficients["floor"] > 0.8
     assert first > exact + 0.05
     assert run._coefficients(True)["floor"]["error"] == pytest.approx(
@@ -137,8 +137,8 @@ def test_a_path_that_is_surely_there_and_not_heard_speaks_against_loud_levels():
     odds = np.zeros((12, 1))
     odds[tables.CHANCE] = 0.9
     missed = SimpleNamespace(responsible=np.zeros((1, 0)), odds=odds)
-    heard = SimpleNamespace(value=np.zeros((0, 3)), amplitude=np.zeros(0))
-    after = learn_levels(state, heard, paths, missed, model.radio, model).levels[0]
+    scan = SimpleNamespace(value=np.zeros((0, 3)), amplitude=np.zeros(0))
+    after = learn_levels(state, scan, paths, missed, model.radio, model).levels[0]
     chance = model.radio.detection_probability(model.radio.amplitude_at_1m * COEFFICIENTS / length)
     wanted = state.levels[0] * (1 - 0.9 * chance)
     assert chance[0] < 0.1 < 0.8 < chance[-1]

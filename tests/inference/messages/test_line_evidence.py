@@ -162,8 +162,8 @@ def test_coefficients_of_faint_walls_are_not_taken_for_louder_ones():
                 rays=rays, open_=np.array([0.6]), length=np.array([6.0]), fades=False,
                 radio=SimpleNamespace(amplitude_at_1m=at_1m),
             )  # fmt: skip
-            heard = SimpleNamespace(matched=np.array([abs(y) ** 2]), own=np.ones(1))
-            ratio, before = coefficient_ratios(snapshot, heard, np.array([0.5]), before)
+            scan = SimpleNamespace(matched=np.array([abs(y) ** 2]), own=np.ones(1))
+            ratio, before = coefficient_ratios(snapshot, scan, np.array([0.5]), before)
             belief += ratio[0, 0]
         weight = np.exp(belief - belief.max())
         found.append(weight @ REFLECTION_BINS / weight.sum())

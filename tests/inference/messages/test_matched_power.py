@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from array_snapshots import band_of, heard, responses
+from array_snapshots import band_of, responses, snapshot
 
 from gridslam.inference.messages.samples.array_likelihood import FEW, ArrayBand
 from gridslam.inference.messages.samples.matched_power import MatchedPower
@@ -15,7 +15,7 @@ PATH = np.array([[3.0, 0.3, -1.0]])
 @pytest.mark.parametrize("frequencies", [8, 9, FEW, FEW + 1])
 def test_it_is_that_of_the_responses_at_every_beam(frequencies):
     band = band_of(2, 3, frequencies)
-    samples, beams = heard(band, PATH, [4j]), band.beams
+    samples, beams = snapshot(band, PATH, [4j]), band.beams
     axes = np.meshgrid(beams.length, beams.leaving[1::6], beams.arriving[::6], indexing="ij")
     expected = np.abs(responses(band, np.stack(axes, -1).reshape(-1, 3)).conj() @ samples.ravel()) ** 2
     found = MatchedPower.of(band, samples).power
@@ -28,7 +28,7 @@ def test_thousands_of_frequencies_take_little_memory():
     few = band_of(1, 2)
     slope, pulse = np.linspace(-5, 5, 3000), np.full(3000, 3000**-0.5, complex)
     band = ArrayBand(slope, pulse, few.anchor, few.agent)
-    samples = heard(band, PATH, [4j])
+    samples = snapshot(band, PATH, [4j])
     tracemalloc.start()
     try:
         found = MatchedPower.of(band, samples)

@@ -58,16 +58,16 @@ def scan_of(state, label=-1, feature=None, shift=(0.1, 0.02, -0.03)):
     return of_all_anchors(Scan(3, 3.0, np.array([label]), *value, nan, *STD[:, None]), RADIO.threshold)
 
 
-def density(state, heard, anchor, agents, places, clocks, sight):
+def density(state, scan, anchor, agents, places, clocks, sight):
     """Ratio to clutter of every agent with every place and clock, (A, V, C)."""
     ratio = np.empty((len(agents), len(places), len(clocks)))
     for row, agent in enumerate(agents):
         poses = np.tile(agent[:5], (len(places), 1))
         values = path_values(poses, places[None], np.array([sight]), ANCHORS[anchor])[:, 0]
-        left = heard.value[0, 0] - values[0][:, None] - clocks + agent[CLOCK]
+        left = scan.value[0, 0] - values[0][:, None] - clocks + agent[CLOCK]
         ratio[row] = norm.pdf(left, scale=STD[0])
         for kind in (1, 2):
-            ratio[row] *= norm.pdf(wrap(heard.value[0, kind] - values[kind]), scale=STD[kind])[:, None]
+            ratio[row] *= norm.pdf(wrap(scan.value[0, kind] - values[kind]), scale=STD[kind])[:, None]
     return RADIO.given_detection * ratio / (RADIO.false_alarms / (RADIO.span_m * 4 * np.pi**2))
 
 
@@ -86,21 +86,21 @@ def test_blurring_is_the_mean_of_gaussians():
 @pytest.mark.parametrize("feature", [None, 0])
 def test_ratios_and_messages_to_clocks_integrate_over_all_others(feature):
     state, _ = state_of(1)
-    heard = scan_of(state, feature=feature)
-    seen = evaluate_network(state, 0, heard, OWN)
+    scan = scan_of(state, feature=feature)
+    seen = evaluate_network(state, 0, scan, OWN)
     row, anchor = (1, 1) if feature is None else (4, 2)
     places = ANCHORS[1:2, :2] if feature is None else state.features.position[0]
     agents, clocks, some = state.agents[0], state.clocks[anchor], np.arange(12)
-    mean = density(state, heard, anchor, agents[some], places, clocks, feature is None).mean((1, 2))
+    mean = density(state, scan, anchor, agents[some], places, clocks, feature is None).mean((1, 2))
     np.testing.assert_allclose(seen.ratio[row, 0, some], mean, atol=0.03 * mean.max())
     if feature is not None:
-        mean = density(state, heard, anchor, agents, places[some], clocks, False).mean((0, 2))
+        mean = density(state, scan, anchor, agents, places[some], clocks, False).mean((0, 2))
         np.testing.assert_allclose(seen.by_place[0, 0, some], mean, atol=0.03 * mean.max())
-    found = associate_network(seen, propose_network(state, 0, heard, OWN, np.random.default_rng(0)).odds)
+    found = associate_network(seen, propose_network(state, 0, scan, OWN, np.random.default_rng(0)).odds)
     assert found.given.tolist() == [anchor]
     logs = clock_messages(state, seen, found)
     exists, nu = seen.existence[row], found.nu[row, 0]
-    mean = density(state, heard, anchor, agents, places, clocks[some], feature is None).mean((0, 1))
+    mean = density(state, scan, anchor, agents, places, clocks[some], feature is None).mean((0, 1))
     expected = np.log(exists * (nu * mean + 1 - RADIO.given_detection) + 1 - exists)
     others = logs[anchor][some] - expected  # of the anchor's other features, which weigh the same everywhere
     assert np.ptp(expected) > 0.5
@@ -123,9 +123,9 @@ def test_regularising_keeps_the_moments_and_parts_copies():
 
 def test_births_of_a_lone_measurement_are_those_of_all_events():
     state, draw = state_of(2)
-    heard = scan_of(state, feature=0)
+    scan = scan_of(state, feature=0)
     state = replace(state, features=state.features.take(np.zeros(1, bool)))
-    seen, new = evaluate_network(state, 0, heard, OWN), propose_network(state, 0, heard, OWN, draw)
+    seen, new = evaluate_network(state, 0, scan, OWN), propose_network(state, 0, scan, OWN, draw)
     found = associate_network(seen, new.odds)
     beta, missed = seen.ratio.mean(-1)[:, 0], np.full(4, 1 - RADIO.given_detection)
     nothing = missed.prod()
@@ -140,14 +140,14 @@ def test_births_of_a_lone_measurement_are_those_of_all_events():
 
 def test_a_label_keeps_other_anchors_out():
     state, draw = state_of(3)
-    heard = scan_of(state, label=1)
-    seen, new = evaluate_network(state, 0, heard, OWN), propose_network(state, 0, heard, OWN, draw)
+    scan = scan_of(state, label=1)
+    seen, new = evaluate_network(state, 0, scan, OWN), propose_network(state, 0, scan, OWN, draw)
     assert seen.ratio[1].any()
     assert not np.delete(seen.ratio, 1, 0).any()
     assert new.odds[0, 1] > 0
     assert not np.delete(new.odds[0], 1).any()
     free = propose_network(state, 0, scan_of(state), OWN, np.random.default_rng(0)).odds[0, 1]
-    told = propose_network(state, 0, heard, OWN, np.random.default_rng(0)).odds[0, 1]
+    told = propose_network(state, 0, scan, OWN, np.random.default_rng(0)).odds[0, 1]
     assert told == pytest.approx(4 * free)
 
 
@@ -161,9 +161,9 @@ def test_only_the_agent_whose_turn_it_is_moves_and_known_clocks_stay():
     np.testing.assert_array_equal(moved.agents[0, :, CLOCK], state.agents[0, :, CLOCK])
     np.testing.assert_array_equal(moved.clocks[0], state.clocks[0])
     assert moved.clocks[1:].tolist() != state.clocks[1:].tolist()
-    heard = scan_of(state)
-    seen = evaluate_network(state, 0, heard, OWN)
-    found = associate_network(seen, propose_network(state, 0, heard, OWN, draw).odds)
+    scan = scan_of(state)
+    seen = evaluate_network(state, 0, scan, OWN)
+    found = associate_network(seen, propose_network(state, 0, scan, OWN, draw).odds)
     after = update_network(state, 0, seen, found, draw)
     np.testing.assert_array_equal(after.agents[1], state.agents[1])
     assert after.clocks[1].std() < 0.9 * state.clocks[1].std()

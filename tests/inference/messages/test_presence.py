@@ -16,7 +16,7 @@ from gridslam.inference.state.features.hybrid_state import JointBelief
 
 POINTS = np.array([[3.0, 4.0, 0.0], [-6.0, 2.0, 0.0], [-6.2, 2.3, 0.0]])  # line of sight, two that overlap
 POWERS = np.array([4000.0, 800.0, 500.0])
-HEARD = np.array([True])
+AUDIBLE = np.array([True])
 
 
 def belief(spread=0.05, features=2, agent=(0.0, 0.0, 0.0, 0.0)):
@@ -60,7 +60,7 @@ def test_a_hidden_feature_is_noticed_keeps_its_power_and_comes_back():
     for step in range(30):
         rows = slice(0, 1 if 5 <= step < 25 else 2)
         one, _ = update(
-            one, received(model, (0, 0), 0.3, POINTS[rows], POWERS[rows], draw), HEARD, 0.3, model, step
+            one, received(model, (0, 0), 0.3, POINTS[rows], POWERS[rows], draw), AUDIBLE, 0.3, model, step
         )
         if step != 5:
             assert (one.features.presence[0] > 0.5) == (not 5 <= step < 25)
@@ -75,7 +75,7 @@ def test_a_power_follows_a_step_by_the_probability_that_its_path_is_there():
     moved, there = [], []
     for presence in (0.99, 0.6):  # the same samples, and all else the same
         bank = replace(one.features, power=faint[1:], presence=np.array([presence]))
-        after = update(replace(one, features=bank), z, HEARD, 0.3, model, 0)[0].features
+        after = update(replace(one, features=bank), z, AUDIBLE, 0.3, model, 0)[0].features
         moved.append(after.power[0] - faint[1])
         there.append(after.presence[0])
     assert 0.5 < there[1] < 0.9 * there[0]
@@ -90,7 +90,7 @@ def test_where_a_hidden_path_should_be_noise_says_nothing():
     for step in range(40):
         z = received(model, (0, 0), 0.3, POINTS[:1], 0.02 * POWERS[:1], draw)
         one, alone = (predict(known, 0.1, 2.0) if step else known for known in (one, alone))
-        one, alone = (update(known, z, HEARD, 0.3, model, step)[0] for known in (one, alone))
+        one, alone = (update(known, z, AUDIBLE, 0.3, model, step)[0] for known in (one, alone))
     np.testing.assert_allclose(one.agent_covariance, alone.agent_covariance, rtol=0.3, atol=2e-3)
     np.testing.assert_allclose(one.mean[:2], alone.mean[:2], atol=0.05)
 
@@ -111,11 +111,11 @@ def test_a_line_of_sight_that_comes_back_is_found_where_the_agent_may_be(off):
     lost = replace(belief(0.6, 1, (*off, 0.0, 0.0)), existence=np.array([1e-3]))
     lost.covariance[4, 0] = lost.covariance[0, 4] = 0.02  # what hangs together moves together
     z = received(model, (0, 0), 0.3, POINTS[:1], POWERS[:1], draw)
-    begun = regained(lost, z, HEARD, 0.3, model)
+    begun = regained(lost, z, AUDIBLE, 0.3, model)
     assert np.hypot(*(begun[:2] - POINTS[0, :2])) == pytest.approx(5.0, abs=0.25)
     shift = begun - lost.mean
     assert shift[4] == pytest.approx(0.02 / 0.36 * shift[0])
-    found, _ = update(lost, z, HEARD, 0.3, model, 0)
+    found, _ = update(lost, z, AUDIBLE, 0.3, model, 0)
     assert found.existence[0] > 0.99
     assert np.hypot(*found.mean[:2]) < 0.15
 
@@ -127,7 +127,7 @@ def test_a_line_of_sight_that_comes_back_is_found_without_any_feature():
     bank = replace(hidden.features, presence=np.zeros(1))
     z = received(model, (0, 0), 0.3, POINTS[:1], POWERS[:1], draw)
     for one in (lost, replace(hidden, features=bank)):
-        found, _ = update(one, z, HEARD, 0.3, model, 0)
+        found, _ = update(one, z, AUDIBLE, 0.3, model, 0)
         assert found.existence[0] > 0.99
         assert np.hypot(*found.mean[:2]) < 0.15
 
@@ -138,13 +138,13 @@ def test_nothing_is_looked_for_where_noise_is_all_or_the_agent_is_known():
     for _ in range(10):
         z = received(model, (0, 0), 0.3, POINTS[1:2], POWERS[1:2], draw)
         noise = received(model, (0, 0), 0.3, POINTS[:0], POWERS[:0], draw)
-        np.testing.assert_array_equal(regained(lost, noise, HEARD, 0.3, model), lost.mean)
+        np.testing.assert_array_equal(regained(lost, noise, AUDIBLE, 0.3, model), lost.mean)
         # a feature's own path, seen from where it is believed to be, is no line of sight
         own = replace(lost, mean=belief(features=1).mean)
-        np.testing.assert_array_equal(regained(own, z, HEARD, 0.3, model), own.mean)
+        np.testing.assert_array_equal(regained(own, z, AUDIBLE, 0.3, model), own.mean)
     z = received(model, (0, 0), 0.3, POINTS[:1], POWERS[:1], draw)
     sure = replace(belief(0.9 * UNSURE_M, 1, (0.2, 0.0, 0.0, 0.0)), existence=np.array([1e-3]))
-    np.testing.assert_array_equal(regained(sure, z, HEARD, 0.3, model), sure.mean)
+    np.testing.assert_array_equal(regained(sure, z, AUDIBLE, 0.3, model), sure.mean)
     seen = replace(lost, existence=np.array([0.9]))
-    np.testing.assert_array_equal(regained(seen, z, HEARD, 0.3, model), seen.mean)
+    np.testing.assert_array_equal(regained(seen, z, AUDIBLE, 0.3, model), seen.mean)
     np.testing.assert_array_equal(regained(lost, z, np.array([False]), 0.3, model), lost.mean)

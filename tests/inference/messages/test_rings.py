@@ -33,8 +33,8 @@ def scene():
 @settings(max_examples=40, deadline=None)
 def test_exact_association_equals_enumeration(seed):
     draw = np.random.default_rng(seed)
-    paths, heard = draw.integers(0, 5, 2)
-    beta, missed, new = random_association(draw, paths, heard, 0.7)
+    paths, measured = draw.integers(0, 5, 2)
+    beta, missed, new = random_association(draw, paths, measured, 0.7)
     nu, claimed = associate_exactly(beta, missed, new)
     expected = enumerate_marginals(beta, missed, new)
     weight = beta * nu
@@ -58,10 +58,10 @@ def test_exact_association_pushes_paths_of_nearly_equal_length_neither_together_
     known = np.array([0.0, 0.5 * noise])
     push = np.zeros((2, runs, 2))  # mean innovation, of a filter that knows the truth
     for run in range(runs):
-        heard = (known + noise * draw.standard_normal(2))[draw.random(2) < 0.95]
-        gap = heard - known[:, None]
+        measured = (known + noise * draw.standard_normal(2))[draw.random(2) < 0.95]
+        gap = measured - known[:, None]
         density = np.exp(-0.5 * (gap / noise) ** 2) / (noise * np.sqrt(2 * np.pi))
-        beta, missed, new = 0.95 * density / clutter, np.full(2, 0.05), np.ones(len(heard))
+        beta, missed, new = 0.95 * density / clutter, np.full(2, 0.05), np.ones(len(measured))
         for row, method in enumerate((associate_exactly, associate)):
             weight = beta * method(beta, missed, new)[0]
             push[row, run] = (weight * gap).sum(1) / (missed + weight.sum(1))
@@ -89,11 +89,11 @@ def walk(scene, positions, image, seed, known=1e-3):
     table, bank = DetectionTable(signal), rings.Rings.empty()
     for step, position in enumerate(positions):
         belief = believed(position, known)
-        heard = hears([np.linalg.norm(image - position) + 0.1 * draw.standard_normal()])
+        scan = hears([np.linalg.norm(image - position) + 0.1 * draw.standard_normal()])
         if not step:
-            ratio, weight = ranging.expected(belief, heard, signal, 0.02, np.zeros(2), 10.0)
+            ratio, weight = ranging.expected(belief, scan, signal, 0.02, np.zeros(2), 10.0)
             assert ratio > 0
-            bank = ranging.begin(bank, belief, heard, signal, np.array([0.5]), weight)
+            bank = ranging.begin(bank, belief, scan, signal, np.array([0.5]), weight)
             continue
         mean = bank.mean.copy()
         mean[..., : rings.MOVING] = belief.mean[: rings.MOVING]
@@ -101,7 +101,7 @@ def walk(scene, positions, image, seed, known=1e-3):
         covariance[..., : rings.MOVING, :] = covariance[..., :, : rings.MOVING] = 0.0
         covariance[..., : rings.MOVING, : rings.MOVING] = belief.covariance[: rings.MOVING, : rings.MOVING]
         bank = rings.Rings(*(bank.anchor, bank.existence, bank.age, bank.seen, bank.weight, mean, covariance))
-        worth = ranging.judge(bank, heard, table, signal)
+        worth = ranging.judge(bank, scan, table, signal)
         beta, missed = ranging.claims(bank, worth)
         bank = ranging.learn(bank, worth, associate_exactly(beta, missed, np.ones(1))[0])
     return bank
@@ -252,14 +252,14 @@ def test_other_methods_take_distances_alone_too(scene, method):
 
 @pytest.mark.slow
 def test_a_radio_of_distances_alone_is_simulated_as_it_is_described(scene):
-    heard, label = simulate_labelled(scene, "agent1", 1)
+    measurements, label = simulate_labelled(scene, "agent1", 1)
     paths = true_paths(scene, "agent1")
-    for column in (heard.aod_rad, heard.aoa_rad, heard.amplitude):
+    for column in (measurements.aod_rad, measurements.aoa_rad, measurements.amplitude):
         assert np.isnan(column).all()
     true = label >= 0
     share = true.sum() / len(paths)
     assert abs(share - 0.95) < 4 * np.sqrt(0.95 * 0.05 / len(paths))
-    error = heard.distance_m[true] - paths.distance_m[label[true]]
+    error = measurements.distance_m[true] - paths.distance_m[label[true]]
     assert abs(error.std() / 0.1 - 1) < 4 / np.sqrt(2 * true.sum())
     steps = 2 * len(scene.track("agent1"))
     assert abs((~true).sum() / steps - 1) < 4 / np.sqrt(steps)

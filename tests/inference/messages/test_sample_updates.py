@@ -35,12 +35,12 @@ def followed(request):
         anchor["position_m"] = [*anchor["position_m"][:2], request.param]
     data["agents"][0]["height_m"] = 0.0
     scene = gs.Scene.checked(data, "room").with_filter(particles=960, representation="particles")
-    heard = list(gs.simulate(scene, "agent1", 3))
+    recorded = list(gs.simulate(scene, "agent1", 3))
     slam = gs.AdaptiveSlam(scene, seed=2)
-    for scan in heard[:STEPS]:
+    for scan in recorded[:STEPS]:
         slam.step(scan)
     assert len(slam.state.surfaces) >= 3
-    return slam, heard[STEPS]
+    return slam, recorded[STEPS]
 
 
 @pytest.fixture(scope="module")
@@ -48,16 +48,14 @@ def evaluated(followed):
     slam, scan = followed
     state, work = slam.state, slam.work
     work.begin()
-    heard = split_by_anchor(scan, slam.model)[0]
+    own = split_by_anchor(scan, slam.model)[0]
     paths = at_samples(predict_paths(state, 0, slam.model, work=work), state)
-    amplitudes = predict_amplitudes(state, paths, heard, slam.model.radio, work=work)
-    _, ratios = evaluate(
-        heard, paths, np.ones(len(paths)), amplitudes, slam.model.radio, slam.model, work=work
-    )
+    amplitudes = predict_amplitudes(state, paths, own, slam.model.radio, work=work)
+    _, ratios = evaluate(own, paths, np.ones(len(paths)), amplitudes, slam.model.radio, slam.model, work=work)
     ratios.new[:] = 1.0
-    _, exchange = update_surfaces_and_agent(state, heard, paths, ratios, np.zeros(2), slam.model, work=work)
+    _, exchange = update_surfaces_and_agent(state, own, paths, ratios, np.zeros(2), slam.model, work=work)
     ratios = replace(ratios, odds=exchange.odds, message=exchange.message, measured=exchange.measured)
-    return state, heard, paths, ratios, slam.model
+    return state, own, paths, ratios, slam.model
 
 
 def test_kernels_average_over_the_very_particles(evaluated):
@@ -111,14 +109,14 @@ def test_weights_of_a_single_bounce_are_those_of_its_events(evaluated, share):
         samples.agent[:, :2] * np.stack([np.cos(samples.lines[s, :, 0]), np.sin(samples.lines[s, :, 0])], -1)
     ).sum(-1)
     assert (sides < samples.lines[s, :, 1]).all()  # possible at all of them
-    heard_there = np.zeros(len(samples))
+    detected_there = np.zeros(len(samples))
     for n in range(ratios.pairs.start[row], ratios.pairs.start[row + 1]):
         pair, m = ratios.pairs.pair[n], ratios.pairs.index[n, 1]
         density = norm.pdf(values[0], pair[0], np.sqrt(pair[3]))
         for kind in (1, 2):
             density = density * norm.pdf(wrap(values[kind] - pair[kind]), scale=np.sqrt(pair[3 + kind]))
-        heard_there += share * ratios.message[tables.NU, row, m] * pair[6] * density
-    there = ray * (open_ * (heard_there + missed) + 1 - open_) + 1 - ray
+        detected_there += share * ratios.message[tables.NU, row, m] * pair[6] * density
+    there = ray * (open_ * (detected_there + missed) + 1 - open_) + 1 - ray
     np.testing.assert_allclose(logs, np.log(exists * there + 1 - exists), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(surfaces[s], np.log(there), rtol=1e-6, atol=1e-9)
     assert not np.delete(surfaces, s, 0).any()

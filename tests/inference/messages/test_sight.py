@@ -23,7 +23,7 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 LOS, IMAGE = np.array([3.0, 4.0, 0.0]), np.array([-6.0, 2.0, 0.0])
-HEARD = np.array([True])
+AUDIBLE = np.array([True])
 
 
 def prior(model, features=0):
@@ -63,7 +63,7 @@ def test_messages_are_those_of_every_particle_node_and_visibility_listed(feature
     agent, noise = draw.normal(0, 0.05, (3, 2)), np.array([0.8, 1.0, 1.3])
     z = received(model, (0, 0), 0.4, [LOS, IMAGE], [los, 500.0 * features], draw)
     cloud, front, belief = few(agent, noise), Front(model.waveform), prior(model, features)
-    found, moments = update_particles(cloud, belief, z, [front.tables(z)], HEARD, 0.4, front, model, 1, 5)
+    found, moments = update_particles(cloud, belief, z, [front.tables(z)], AUDIBLE, 0.4, front, model, 1, 5)
     joint = np.zeros((3, NODES + 1))
     for p in range(3):
         for g, power in enumerate([*cloud.node[0], 0.0]):
@@ -110,15 +110,15 @@ def test_the_start_finds_noise_and_power_at_any_scale(scale):
     z = scale * received(model, (0, 0), 0.4, [LOS], [3000.0], draw)
     front = Front(model.waveform)
     tables = [front.tables(z)]
-    cloud = start_particles(rescaled(prior(model), tables, HEARD), tables, HEARD, model, 1)
+    cloud = start_particles(rescaled(prior(model), tables, AUDIBLE), tables, AUDIBLE, model, 1)
     assert cloud.noise.min() < scale**2 < cloud.noise.max()
     assert cloud.node[0, 0] < 3000 * scale**2 < cloud.node[0, -1]
-    found, _ = update_particles(cloud, prior(model), z, tables, HEARD, 0.4, front, model, 1, 0)
+    found, _ = update_particles(cloud, prior(model), z, tables, AUDIBLE, 0.4, front, model, 1, 0)
     assert 0.5 < los_power(found)[0] / (3000 * scale**2) < 2
 
 
 def test_powers_of_handed_over_features_follow_the_scale_of_the_samples():
     model, draw = signal_model(), np.random.default_rng(2)
     z = 100 * received(model, (0, 0), 0.4, [LOS], [300.0], draw)
-    found = rescaled(prior(model, features=1), [Front(model.waveform).tables(z)], HEARD)
+    found = rescaled(prior(model, features=1), [Front(model.waveform).tables(z)], AUDIBLE)
     assert found.features.power[0] == pytest.approx(500 * 1e4, rel=0.3)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from array_snapshots import band_of, heard
+from array_snapshots import band_of, snapshot
 from scipy.special import logsumexp
 
 from gridslam.inference.messages.samples.array_likelihood import one_more
@@ -39,7 +39,7 @@ def test_strong_paths_lead_the_state_to_where_it_is():
         rng = np.random.default_rng(seed)
         truth = MEAN + DEVIATION * rng.normal(size=len(MEAN))
         amplitude = 30 * np.exp(2j * np.pi * rng.uniform(size=4))
-        samples = heard(BAND, paths_at(truth, PLACE, TABLE, 5)[0], amplitude, 1.0, seed)
+        samples = snapshot(BAND, paths_at(truth, PLACE, TABLE, 5)[0], amplitude, 1.0, seed)
         mode = state_mode(BAND, samples, prior_of([900.0] * 4), 1.0)
         off = mode.belief.mean - truth
         squares.append(off @ np.linalg.solve(mode.belief.covariance, off))
@@ -49,7 +49,7 @@ def test_strong_paths_lead_the_state_to_where_it_is():
 
 def test_the_mode_is_where_the_gradient_vanishes():
     truth = MEAN + 0.5 * DEVIATION
-    samples = heard(BAND, paths_at(truth, PLACE, TABLE, 5)[0], [30, 20j, -15, 8], 1.0)
+    samples = snapshot(BAND, paths_at(truth, PLACE, TABLE, 5)[0], [30, 20j, -15, 8], 1.0)
     prior = prior_of([900.0, 400.0, 225.0, 64.0])
     mode = state_mode(BAND, samples, prior, 1.0)
     path, slope = paths_at(mode.belief.mean, PLACE, TABLE, 5)
@@ -65,7 +65,7 @@ def test_the_mode_is_where_the_gradient_vanishes():
 
 
 def test_a_faint_path_moves_nothing_and_a_known_state_stays():
-    samples = heard(BAND, paths_at(MEAN + DEVIATION, PLACE, TABLE, 5)[0], [30, 20, 10, 5], 1.0)
+    samples = snapshot(BAND, paths_at(MEAN + DEVIATION, PLACE, TABLE, 5)[0], [30, 20, 10, 5], 1.0)
     mode = state_mode(BAND, samples, prior_of([1e-9] * 4), 1.0)
     np.testing.assert_allclose(mode.belief.mean, MEAN, atol=1e-6)
     known = state_mode(BAND, samples, prior_of([900.0] * 4, deviation=0 * DEVIATION), 1.0)
@@ -77,7 +77,7 @@ def test_a_vague_start_finds_the_highest_of_several_modes():
     """0.9 m off at c/B = 0.4 m: the mean lies beyond the first sidelobes."""
     deviation = np.array([0.5, 0.5, 0.01, 0.01, 0.2, 0.01, 0.01, 0.01, 0.01])
     truth = MEAN + np.array([0.7, 0.6, 0, 0, 0.2, 0, 0, 0, 0])
-    samples = heard(BAND, paths_at(truth, PLACE, TABLE, 5)[0], [30, 20j, -15, 8], 1.0)
+    samples = snapshot(BAND, paths_at(truth, PLACE, TABLE, 5)[0], [30, 20j, -15, 8], 1.0)
     mode = state_mode(BAND, samples, prior_of([900.0, 400.0, 225.0, 64.0], deviation=deviation), 1.0)
     assert np.linalg.norm(mode.belief.mean[:2] - truth[:2]) < 0.05
 
@@ -88,7 +88,7 @@ def test_evidence_of_a_path_is_the_mean_of_its_ratio_over_what_was_believed():
     deviation[:2] = 0.04
     prior = PathsPrior(Belief(MEAN, np.diag(deviation**2)), PLACE, TABLE[:1], np.array([400.0]), NO_PATH)
     truth = MEAN + np.array([0.03, -0.02, *np.zeros(7)])
-    samples = heard(BAND, paths_at(truth, PLACE, TABLE[:1], 5)[0], [20.0], 1.0)
+    samples = snapshot(BAND, paths_at(truth, PLACE, TABLE[:1], 5)[0], [20.0], 1.0)
     mode = state_mode(BAND, samples, prior, 1.0)
 
     def log_ratio(path):
@@ -117,6 +117,6 @@ def test_ratios_of_amplitudes_are_fair():
         ratio = np.exp(log_amplitudes(np.abs(noise) ** 2, np.ones(len(noise)), nodes, fades))
         np.testing.assert_allclose(ratio.mean(0), 1, atol=0.05)
     grid = np.linspace(0.05, 4, 80)[None]
-    heard_ = np.abs(1.5 + noise[:400]) ** 2
-    total = log_amplitudes(heard_, np.ones(400), grid, False).sum(0)
+    power = np.abs(1.5 + noise[:400]) ** 2
+    total = log_amplitudes(power, np.ones(400), grid, False).sum(0)
     assert grid[0, total.argmax()] == pytest.approx(1.5, abs=0.12)

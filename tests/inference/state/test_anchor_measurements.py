@@ -17,10 +17,10 @@ def test_those_of_all_anchors_are_those_of_each(height):
     angles[0, 1] = np.nan
     scan = gs.Scan(0, 0.0, whose, draw.uniform(1, 9, 5), *angles, draw.uniform(3, 30, 5), distance_std_m=own)
     scans = split_by_anchor(scan, model)
-    ends = np.cumsum([len(heard) for heard in scans])[:-1]
-    for heard, std in zip(scans, np.split(own_deviations(scans, model.radio), ends), strict=True):
-        rows = np.arange(len(heard))
-        each = deviations(heard, rows, heard.amplitude, heard.value[:, 1:], model.radio)
+    ends = np.cumsum([len(one) for one in scans])[:-1]
+    for one, std in zip(scans, np.split(own_deviations(scans, model.radio), ends), strict=True):
+        rows = np.arange(len(one))
+        each = deviations(one, rows, one.amplitude, one.value[:, 1:], model.radio)
         np.testing.assert_array_equal(std, each)
 
 
