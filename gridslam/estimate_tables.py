@@ -22,6 +22,10 @@ class _Rows(ABC):
     def __len__(self) -> int:
         return len(getattr(self, self.columns()[0]))
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"<{type(self).__name__} of {len(self)}: {', '.join(self.columns())}>"
+
     def take(self, rows: np.ndarray | slice | list[int]) -> Self:
         """Return the rows chosen by a mask, an index array or a slice."""
         return type(self)(**{name: getattr(self, name)[rows] for name in self.columns()})
@@ -38,7 +42,7 @@ class _Rows(ABC):
         """Return a table without rows."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SurfaceEstimate(_Rows):
     """Reflecting surfaces, in scene coordinates.
 
@@ -130,7 +134,7 @@ FREE, MIRROR, SCATTERER = 0, 1, 2
 """Kinds of learned features."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FeatureEstimate(_Rows):
     """Learned features (hybrid SLAM): points that stand for paths, each of one anchor.
 
@@ -177,7 +181,7 @@ class FeatureEstimate(_Rows):
         return cls(whole, whole, pair, pair, none, none, none, square, whole, whole, whole)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PathEstimate(_Rows):
     """Propagation paths that the filter believes in at one step.
 
@@ -211,7 +215,7 @@ class PathEstimate(_Rows):
         return cls(np.zeros(0, np.int64), pair, none, none, none, none, none, np.zeros((0, 4, 2)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class HypothesisEstimate(_Rows):
     """Where the agent may be, the likeliest first. Mostly there is one row.
 
@@ -239,7 +243,7 @@ class HypothesisEstimate(_Rows):
         return cls(none, np.zeros((0, 2)), none, np.zeros((0, 2, 2)), np.zeros(0, np.int64))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RingEstimate(_Rows):
     """Places where images of anchors may be that aren't known yet (direct SLAM): a row per hypothesis.
 

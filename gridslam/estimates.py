@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from gridslam.errors import InputError
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
+from gridslam.wording import counted
 from gridslam.world.geometry import wrap
 from gridslam.world.observation import Observation
 
@@ -120,7 +121,7 @@ class Estimate:
         doubt = "" if self.health.ok else f", {self.health.why}"
         return (
             f"<Estimate at step {self.step}: {x:.2f}, {y:.2f} m (+-{own:.2g} m), heading "
-            f"{self.heading_rad:.2f} rad, {int(np.sum(self.detected))} surfaces{doubt}>"
+            f"{self.heading_rad:.2f} rad, {counted(int(np.sum(self.detected)), 'surface')}{doubt}>"
         )
 
     @classmethod

@@ -10,6 +10,7 @@ from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
 from gridslam.inference.messages.features.feature_likelihood import STEPS, Front
 from gridslam.inference.messages.features.seeding import FAINTEST, FREE, POWERS, RATES
+from gridslam.wording import counted
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
@@ -45,7 +46,7 @@ def _speeds(count: int, particles: int, seconds: float, scene: str) -> Iterator[
     few, step = points[:TWIN_POINTS], np.zeros(particles, np.int32)
     rate = 2 * np.pi * wave.offset_hz / SPEED_OF_LIGHT
     known = few, features, anchor, front.element, wave.pulse, rate, samples
-    where = f"{scene}, {count} features"
+    where = f"{scene}, {counted(count, 'feature')}"
     share = particles / len(few)
     yield race(
         "evaluate_features", where, "particle", particles, seconds, share,

@@ -22,6 +22,7 @@ from gridslam.checks.verdict import verdict
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.table import Measurements
+from gridslam.wording import counted
 from gridslam.world.columns import ELEVATIONS, OPTIONAL, VALUES, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
@@ -113,8 +114,8 @@ def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
     steps, time = int(step.max()) - int(step.min()) + 1, columns["time_s"]
     pairs = np.unique(np.stack([step, columns["anchor"]]), axis=1).shape[1]
     lines = [
-        f"measurements: {steps} steps ({step.min()} to {step.max()}, {time.min():g} to {time.max():g} s), "
-        f"{count} paths, anchors {', '.join(names)}",
+        f"measurements: {counted(steps, 'step')} ({step.min()} to {step.max()}, {time.min():g} to "
+        f"{time.max():g} s), {counted(count, 'path')}, anchors {', '.join(names)}",
         f"  {count / pairs:.1f} paths in a scan (an anchor at a step), {pairs} of {steps * len(names)} "
         "scans hold any",
     ]

@@ -14,6 +14,7 @@ from gridslam.io.files import reading_h5
 from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.network_run import check_names
+from gridslam.wording import counted
 from gridslam.world.scene import Scene
 
 
@@ -62,8 +63,8 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
     low, high = np.nanmin(table.distance_m), np.nanmax(table.distance_m)
     negative = int((table.distance_m < 0).sum())
     lines = [
-        f"measurements: {len(measurements)} steps, {len(table.step)} paths of "
-        f"{len(measurements.agents)} agents, anchors {', '.join(table.anchors)}",
+        f"measurements: {counted(len(measurements), 'step')}, {counted(len(table.step), 'path')} of "
+        f"{counted(len(measurements.agents), 'agent')}, anchors {', '.join(table.anchors)}",
         f"  labels: {named.mean():.0%} of the rows say which anchor they are of",
         f"  distance_m: {low:.3g} to {high:.3g}, {negative} negative",
     ]
@@ -72,7 +73,10 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
         count = int((measurements.agent == index).sum())
         silent = last - first + 1 - len(np.unique(table.step[measurements.agent == index]))
         mean = count / (last - first + 1)
-        lines.append(f"  {name}: steps {first} to {last}, {mean:.1f} paths a step, {silent} steps of silence")
+        lines.append(
+            f"  {name}: steps {first} to {last}, {mean:.1f} paths a step, "
+            f"{counted(silent, 'step')} of silence"
+        )
     if negative and scene is not None and scene.clocks is None:
         lines.append("suspect: negative distances hold offsets of clocks: give the scene a table [clocks]")
     if 0 < named.mean() < 1:

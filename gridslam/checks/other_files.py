@@ -10,6 +10,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.runs.run_files import read_run
 from gridslam.runs.step_files import read_steps
+from gridslam.wording import counted
 from gridslam.world.trajectory import Trajectory
 
 TRACKS, NAV2 = (".tum",), (".yaml", ".yml", ".pgm")
@@ -52,8 +53,9 @@ def steps_line(path: Path) -> str:
     if not steps:
         return "estimates over no steps"
     last = steps[-1]
+    surfaces = counted(int(last.detected.sum()), "surface")
     span = f"steps {steps[0].step} to {last.step}, {steps[0].time_s:g} to {last.time_s:g} s"
-    return f"estimates over {len(steps)} steps ({span}): at the end {int(last.detected.sum())} surfaces"
+    return f"estimates over {counted(len(steps), 'step')} ({span}): at the end {surfaces}"
 
 
 def track_line(path: Path) -> str:
@@ -85,9 +87,10 @@ def run_line(folder: Path) -> str:
     each = []
     for name, own in found.agents.items():
         surfaces = int(own.estimates[-1].detected.sum()) if own.estimates else 0
-        cut = found.summary["agents"][name].get("interrupted")
-        steps = f"cut short, {len(own.estimates)} of {len(own.measurements)}" if cut else len(own.estimates)
-        each.append(f"{name} ({steps} steps, {surfaces} surfaces)")
+        steps = counted(len(own.estimates), "step")
+        if found.summary["agents"][name].get("interrupted"):
+            steps = f"cut short, {len(own.estimates)} of {counted(len(own.measurements), 'step')}"
+        each.append(f"{name} ({steps}, {counted(surfaces, 'surface')})")
     return f"run of {found.scene.name} by {found.summary.get('method', '?')}: {', '.join(each)}"
 
 
@@ -105,7 +108,7 @@ def study_line(folder: Path) -> str:
     except (OSError, ValueError) as error:
         raise InputError(str(path), "lines that can't be read", "results of a study") from error
     done = sum(isinstance(line, dict) and "key" in line for line in lines)
-    return f"study: {done} finished run{'' if done == 1 else 's'}"
+    return f"study: {counted(done, 'finished run')}"
 
 
 MOST_PERCENT = 100

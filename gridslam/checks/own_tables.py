@@ -16,6 +16,7 @@ from gridslam.runs.network_files import read_clocks
 from gridslam.runs.track_tables import COLUMNS
 from gridslam.systems import checkpoint
 from gridslam.systems.registry import METHODS, method_class
+from gridslam.wording import counted
 from gridslam.world.radio import SPEED_OF_LIGHT
 
 LARGEST_BYTES = 2**28
@@ -61,7 +62,7 @@ def table_line(path: Path) -> str:
                     )
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(str(path), "a row that can't be read", "a whole CSV table") from error
-    return f"table of {kind}: {rows} rows"
+    return f"table of {kind}: {counted(rows, 'row')}"
 
 
 def json_line(path: Path) -> str:
@@ -82,9 +83,9 @@ def json_line(path: Path) -> str:
     except (ValueError, RecursionError) as error:
         raise InputError(str(path), "no JSON", allowed) from error
     if isinstance(content, dict) and isinstance(content.get("features"), list):
-        return f"GeoJSON: {len(content['features'])} features"
+        return f"GeoJSON: {counted(len(content['features']), 'feature')}"
     if isinstance(content, dict) and content.get("format") == "gridslam-bench":
-        return f"speed of {len(content.get('steps', ()))} kinds of steps on one machine"
+        return f"speed of {counted(len(content.get('steps', ())), 'kind')} of steps on one machine"
     raise InputError(str(path), "other JSON", allowed)
 
 
@@ -100,8 +101,9 @@ def clocks_line(path: Path) -> str:
     if not len(clocks.step):
         return "offsets of clocks over no steps"
     widest = 1e9 * float(np.ptp(clocks.offset_s[-1]))
+    whose = f"{counted(len(clocks.device), 'clock')} ({', '.join(clocks.device)})"
     line = (
-        f"offsets of {len(clocks.device)} clocks ({', '.join(clocks.device)}) over {len(clocks.step)} steps: "
+        f"offsets of {whose} over {counted(len(clocks.step), 'step')}: "
         f"at the end {widest:.3g} ns ({widest * SPEED_OF_LIGHT / 1e9:.3g} m) apart"
     )
     return line if truth is None else f"{line}; with the true ones"
@@ -120,7 +122,8 @@ def checkpoint_line(path: Path) -> str:
     if method not in METHODS:  # a class that a file names is never imported
         return f"checkpoint of method {method!r}, which isn't one of gridslam's own"
     slam = method_class(method).resume(path)  # type: ignore[attr-defined]
-    return f"checkpoint of {method} in {slam.scene.name}, after {slam.state.step} steps of {slam.agent}"
+    steps = counted(slam.state.step, "step")
+    return f"checkpoint of {method} in {slam.scene.name}, after {steps} of {slam.agent}"
 
 
 def _header(path: Path) -> tuple[str, ...]:

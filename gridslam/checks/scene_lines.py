@@ -6,6 +6,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.simulation.image_source import visible
+from gridslam.wording import counted
 from gridslam.world.scene import Scene
 
 
@@ -42,17 +43,12 @@ def _beyond(scene: Scene) -> list[str]:
     ] * bool(out)
 
 
-def counted(number: int, thing: str) -> str:
-    """A number of things, in words: "1 wall", "2 walls"."""
-    return f"{number} {thing}{'' if number == 1 else 's'}"
-
-
 def _in_sight(scene: Scene, way: Array) -> str:
     """Share of positions (N, 2) at which an anchor is in sight, and the longest stretch without."""
     seen = np.zeros(len(way), bool)
     for place in scene.anchor_positions:
         seen |= visible(np.broadcast_to(place, way.shape), way, scene.segments())
-    line = f"{len(way)} steps, an anchor in sight at {seen.mean():.0%} of them"
+    line = f"{counted(len(way), 'step')}, an anchor in sight at {seen.mean():.0%} of them"
     if seen.all():
         return line
     edges = np.flatnonzero(np.diff(np.concatenate([[True], seen, [True]]).astype(int)))

@@ -19,6 +19,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal
+from gridslam.wording import counted
 from gridslam.world.geometry import direction
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
@@ -115,8 +116,8 @@ def describe_signal(
 def _summary(raw: dict[str, Any], samples: Array) -> str:
     steps, anchors, elements, carried, points = samples.shape if samples.ndim == 5 else (0,) * 5
     names = ", ".join(raw["anchors"])
-    antennas = f"{elements} x {carried} antennas"
-    return f"sampled signals: {steps} steps, {anchors} anchors ({names}), {antennas}, {points} frequencies"
+    size = f"{counted(steps, 'step')}, {counted(anchors, 'anchor')} ({names})"
+    return f"sampled signals: {size}, {elements} x {carried} antennas, {points} frequencies"
 
 
 def _band(waveform: Waveform, scene: Scene | None) -> list[str]:

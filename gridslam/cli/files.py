@@ -23,7 +23,6 @@ EXPORTED = (
     ".yaml", ".yml", ".pgm", ".png", ".csv", ".geojson", ".json", ".h5", ".tif", ".tiff", ".pdf", ".svg",
 )  # fmt: skip
 """Endings that a user gives to files."""
-HDF5_START = b"\x89HDF\r\n\x1a\n"
 KINDS = (
     "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), signals (.mat, .h5), "
     "a map, steps, clocks or a checkpoint (.h5), a track (.tum), a nav2 map (.yaml), a table that gridslam "
@@ -287,9 +286,9 @@ def _kind(file: Path) -> str:
 
 def _unread(file: Path) -> str:
     """What is said of a file that isn't whole HDF5."""
+    from gridslam.io.hdf5_guard import is_hdf5
+
     try:
-        with file.open("rb") as content:
-            begins = content.read(len(HDF5_START)) == HDF5_START
+        return "HDF5 that is damaged or cut short" if is_hdf5(file) else "nothing that gridslam reads"
     except OSError as error:
         return error.strerror or "an unreadable file"
-    return "HDF5 that is damaged or cut short" if begins else "nothing that gridslam reads"

@@ -19,6 +19,7 @@ from gridslam.cli.robustness import robustness
 from gridslam.cli.run import run
 from gridslam.cli.study import study
 from gridslam.errors import InputError, Note, Unwritten
+from gridslam.wording import counted
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -63,16 +64,16 @@ def simulate(
             raise InputError("-o", repr(output.name), "a name that ends in .h5, with --signal")
         samples = hear(world, names[0], seed, what="signal")
         samples.to_h5(output)
-        counts = f"{len(samples)} steps, samples {' x '.join(map(str, samples.waveform.shape))}"
+        counts = f"{counted(len(samples), 'step')}, samples {' x '.join(map(str, samples.waveform.shape))}"
     elif len(names) == 1 and not unlabelled:
         measurements = hear(world, names[0], seed)
         (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
-        counts = f"{len(measurements)} steps, {len(measurements.step)} measurements"
+        counts = f"{counted(len(measurements), 'step')}, {counted(len(measurements.step), 'measurement')}"
     else:
         several = hear(world, names, seed, unlabelled)
         (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)
-        agents = f"{len(names)} agent{'s' * (len(names) > 1)}"
-        counts = f"{agents}, {len(several)} steps, {len(several.agent)} measurements"
+        rows = counted(len(several.agent), "measurement")
+        counts = f"{counted(len(names), 'agent')}, {counted(len(several), 'step')}, {rows}"
     out.print(f"wrote {output}: {counts}", highlight=False, soft_wrap=True)
 
 

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from gridslam.cli.output import ended
 from gridslam.errors import InputError
+from gridslam.wording import counted
 
 if TYPE_CHECKING:
     from gridslam.measurements.observations import Observations
@@ -134,7 +135,7 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
         found, matched, true = (score[f"surfaces_{key}"] for key in ("detected", "matched", "true"))
         of = "" if true is None else f" {matched}/{true} {score['surfaces_false']}"
         if found is None:
-            found = "-" if score["features"] is None else f"{score['features']} features"
+            found = "-" if score["features"] is None else counted(score["features"], "feature")
         table.add_row(
             done.agent,
             str(score["steps"]),

@@ -11,6 +11,7 @@ from rich.console import Console
 from gridslam.cli.help import LOOK, SCENE_HELP, SCENES, scene_names
 from gridslam.cli.options import flag
 from gridslam.errors import InputError
+from gridslam.wording import counted
 
 out = Console()
 scene_app = typer.Typer(no_args_is_help=True, help="Make, show and import scene files.")
@@ -117,7 +118,7 @@ def import_plan(
             _say(line)
     for name, (value, why) in plan.materials.items():
         count = sum(item.material == name for item in plan.lines)
-        _say(f"{name}: {count} wall{'' if count == 1 else 's'}, {value:g} ({why})")
+        _say(f"{name}: {counted(count, 'wall')}, {value:g} ({why})")
     _say(f"wrote {output} and {picture}" + ("" if anchors else "; it has no anchor yet: place one in it"))
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from gridslam.cli.help import MAP, SCENE_HELP, scene_names
 from gridslam.cli.options import flag, map_in
 from gridslam.errors import InputError
+from gridslam.wording import counted
 
 out = Console()
 
@@ -49,8 +50,8 @@ def extract(
     measurements = found_in(recording, world, false_alarms=false_alarms)
     (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
     snapshots = max(int(recording.heard.sum()), 1)
-    each = f"{len(measurements.step) / snapshots:.1f} per anchor and step"
-    line = f"wrote {output}: {len(measurements)} steps, {len(measurements.step)} paths, {each}"
+    size = f"{counted(len(measurements), 'step')}, {counted(len(measurements.step), 'path')}"
+    line = f"wrote {output}: {size}, {len(measurements.step) / snapshots:.1f} per anchor and step"
     out.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
@@ -88,7 +89,7 @@ def calibrate(
     sheet = None if prior is None else Map.load(prior)
     found = errors_of(world, recording, sheet, agent, same_frame)
     replace(recording, waveform=found.waveform).to_h5(output)
-    lines = [f"wrote {output}: {len(recording)} steps, array and pulse as found"]
+    lines = [f"wrote {output}: {counted(len(recording), 'step')}, array and pulse as found"]
     for n, (error, spread) in enumerate(zip(found.element_error_m, found.element_std_m, strict=True)):
         x, y = (f"{1e3 * e:+.2f} +- {1e3 * s:.2f}" for e, s in zip(error, spread, strict=True))
         lines.append(f"element {n}: x {x} mm, y {y} mm beside its place")

@@ -15,6 +15,7 @@ from rich.table import Table
 from gridslam.cli.options import flag
 from gridslam.errors import InputError
 from gridslam.systems.registry import DEFAULT, method_help
+from gridslam.wording import counted
 
 if TYPE_CHECKING:
     from gridslam.studies.study import Outcome, Study
@@ -104,7 +105,7 @@ def study(
         draw_study(output, found, figures.form, width)
         _table(summary_rows(found))
     done = sum(record is not None for record in outcome.records)
-    line = f"{output}: {done} of {len(outcome.records)} runs, {outcome.fresh} of them new"
+    line = f"{output}: {done} of {counted(len(outcome.records), 'run')}, {outcome.fresh} of them new"
     out.print(line, highlight=False, markup=False, soft_wrap=True)
     (output / "failures.log").unlink(missing_ok=True)
     if outcome.failures:
@@ -139,7 +140,7 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
             more = done > reported[0]
             reported[:] = done, total
             if not err.is_terminal and more:  # in a log file, a line per run
-                err.print(f"{done} of {total} runs", highlight=False)
+                err.print(f"{done} of {counted(total, 'run')}", highlight=False)
             bar.update(task, completed=done, total=total)
 
         try:
@@ -198,5 +199,5 @@ def _report(outcome: Outcome, output: Path) -> None:
         lines.append(f"{job.variant.label}, {job.method}, seed {job.seed}\n{trace}\n")
     write_bytes(output / "failures.log", "".join(lines).encode())
     first = outcome.failures[min(outcome.failures)].strip().splitlines()[-1]
-    line = f"{len(lines)} runs failed ({first}); see {output / 'failures.log'}"
+    line = f"{counted(len(lines), 'run')} failed ({first}); see {output / 'failures.log'}"
     err.print(line, highlight=False, markup=False, soft_wrap=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -16,6 +17,7 @@ from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.wording import counted
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -83,17 +85,49 @@ def require_same_world(scene: Scene, agent: str, times_s: Array, truth: Truth) -
     InputError
         Other walls than the scene's, or steps at other times.
     """
-    walls, there = scene.segments(), truth.segments
-    if scene.walls and not all(
-        np.array_equal(getattr(walls, n), getattr(there, n)) for n in ("start", "end")
-    ):
-        found = f"other walls ({len(there)} pieces) than those of {scene.name} ({len(walls)})"
-        raise InputError("truth", found, f"gs.ground_truth(run.scene, {agent!r}), or a Trajectory")
+    if not _has_walls(scene, truth):
+        allowed = f"gs.ground_truth(run.scene, {agent!r}), or a Trajectory"
+        raise InputError("truth", _other_walls(scene, truth), allowed)
     known, count = truth.trajectory.time_s, len(times_s)
     slack = 1e-6 * max(1.0, float(np.abs(times_s).max(initial=0.0)))
     if len(known) < count or (np.abs(known[:count] - times_s) > slack).any():
-        found = f"{len(known)} steps at other times than the run's {count}"
+        found = f"{counted(len(known), 'step')} at other times than the run's {count}"
         raise InputError("truth", found, "a track with a pose for each step of the run, or a Trajectory")
+
+
+def require_earlier(scene: Scene, earlier: Sequence[Truth]) -> None:
+    """Refuse what can't be the truth of the agents before in a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+    earlier : sequence of Truth
+
+    Raises
+    ------
+    InputError
+        Something else than a list of truths of this scene.
+    """
+    allowed = "a list of gs.ground_truth(run.scene, NAME), one for each agent before"
+    if not isinstance(earlier, Sequence) or isinstance(earlier, str):
+        raise InputError("earlier", type(earlier).__name__, allowed)
+    for number, truth in enumerate(earlier):
+        if not isinstance(truth, Truth):
+            raise InputError(f"earlier[{number}]", type(truth).__name__, allowed)
+        if not _has_walls(scene, truth):
+            raise InputError(f"earlier[{number}]", _other_walls(scene, truth), allowed)
+
+
+def _has_walls(scene: Scene, truth: Truth) -> bool:
+    """Whether a truth is of a scene's walls; of a scene without any it may be of all."""
+    walls, there = scene.segments(), truth.segments
+    same = (np.array_equal(getattr(walls, name), getattr(there, name)) for name in ("start", "end"))
+    return not scene.walls or all(same)
+
+
+def _other_walls(scene: Scene, truth: Truth) -> str:
+    pieces = counted(len(truth.segments), "piece")
+    return f"other walls ({pieces}) than those of {scene.name} ({len(scene.segments())})"
 
 
 def _goes(scene: Scene, agent: str, went: Trajectory) -> bool:

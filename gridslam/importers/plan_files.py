@@ -11,6 +11,7 @@ import numpy as np
 
 from gridslam.importers.floorplans import Plan, letters, printable
 from gridslam.io.files import write_bytes
+from gridslam.wording import counted
 from gridslam.world.scene_parts import Wall
 
 if TYPE_CHECKING:
@@ -54,7 +55,9 @@ def _picture(plan: Plan) -> bytes:
     _draw(axes, plan)
     axes.set(xlim=x, ylim=y, aspect="equal", xlabel="x (m)", ylabel="y (m)")
     axes.set_title(
-        f"{plan.name}: {len(plan.lines)} walls, {wide:g} m x {high:g} m to map".replace("$", r"\$"),
+        f"{plan.name}: {counted(len(plan.lines), 'wall')}, {wide:g} m x {high:g} m to map".replace(
+            "$", r"\$"
+        ),
         fontsize=9,
     )
     figure.legend(loc="outside lower center", ncols=3, fontsize=8, frameon=False)

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.io.hdf5_guard import prove, seal
+from gridslam.io.hdf5_guard import is_hdf5, prove, seal
 from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, refuse_links
 
 
@@ -131,6 +131,9 @@ def reading_h5(
     if not Path(path).is_file():
         raise InputError(str(path), "no file", f"a {kind} file")
     try:
+        if not is_hdf5(path):
+            found = f"a {f'{Path(path).suffix} file'.strip()} without HDF5 in it"
+            raise InputError(str(path), found, f"a {kind} file (.h5)")
         prove(path, most_claimed(path))
         with h5py.File(path, "r") as file, counted(file):
             refuse_links(file)

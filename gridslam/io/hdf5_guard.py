@@ -20,9 +20,29 @@ from gridslam.errors import InputError
 MARK = b"gridslam crc32 "
 SIGNATURE, NEWER = b"\x89HDF\r\n\x1a\n", (b"\2\x08", b"\3\x08")
 """Start of the file; versions of its superblock (with 8-byte addresses) that say at byte 28 where it ends."""
+FIRST_BLOCK = 512
+"""Bytes that may stand before the start of the file: none, so many, twice as many, four times, and so on."""
 START_S, BYTES_PER_S = 20.0, 5e6
 """Time that a file may take to be read: at the start and by its size."""
 SPARE_BYTES = 2**28
+
+
+def is_hdf5(path: str | os.PathLike[str]) -> bool:
+    """Whether a file begins as HDF5 does, whole or not.
+
+    Raises
+    ------
+    OSError
+        It can't be read.
+    """
+    size, start = os.path.getsize(path), 0
+    with open(path, "rb") as raw:
+        while start < size:
+            raw.seek(start)
+            if raw.read(len(SIGNATURE)) == SIGNATURE:
+                return True
+            start = 2 * start or FIRST_BLOCK
+    return False
 
 
 def seal(content: bytes, checksum: int | None = None) -> bytes:
@@ -77,7 +97,8 @@ def _sealed(path: str | os.PathLike[str]) -> bool:
     size, length = os.path.getsize(path), len(seal(b""))
     with open(path, "rb") as raw:
         start = raw.read(36)
-        if start[:8] == SIGNATURE and start[8:10] in NEWER and size < int.from_bytes(start[28:], "little"):
+        newer = start.startswith(tuple(SIGNATURE + version for version in NEWER))
+        if newer and size < int.from_bytes(start[28:], "little"):
             raise OSError("cut short")
         raw.seek(max(size - length, 0))
         end = raw.read()

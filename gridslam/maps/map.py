@@ -12,6 +12,7 @@ from gridslam.errors import InputError
 from gridslam.maps import map_files
 from gridslam.maps.map_cells import MapCells
 from gridslam.maps.walls import WallSegments, wall_segments
+from gridslam.wording import counted
 from gridslam.world.scene import Scene
 
 
@@ -70,11 +71,11 @@ class Map(MapCells):
         (height, width), who = self.shape, self.provenance.get("agents")
         names = ", ".join(map(str, who)) if isinstance(who, list) and who else "unknown agents"
         surfaces = len(self.surfaces) if self.surfaces is not None else 0
-        learned = "" if self.features is None else f", {len(self.features)} features"
+        learned = "" if self.features is None else f", {counted(len(self.features), 'feature')}"
         learned += f"; told the {self.truth_given}" if self.truth_given else ""
         return (
             f"by {names}: {width} x {height} cells of {self.cell_m:g} m, {self.observed.mean():.0%} "
-            f"observed, {self.occupied.sum()} occupied, {surfaces} surfaces{learned}"
+            f"observed, {self.occupied.sum()} occupied, {counted(surfaces, 'surface')}{learned}"
         )
 
     def _repr_html_(self) -> str:

@@ -2,8 +2,8 @@
 
 A surface is an endless line, and the extent that goes with it runs from its first hit to its last: across
 doors, streets and whatever lies between two walls in one line. The cells know better. Along the line, a place
-is open where rays went through all cells next to it, as sure as a cell can be; it is wall where reflections
-were told to a cell next to it or one of them is more likely occupied than before; and it is unknown else.
+is open where rays went through all cells next to it, as sure as a cell can be; it is wall where a cell next
+to it was hit or is more likely occupied than before; and it is unknown else.
 
 What is wall comes in pieces. Two of them are one wall if the gap between them is short, both in all and where
 it is open, and neither piece is much shorter than the gap: one measurement that is off by metres puts a hit
@@ -27,10 +27,10 @@ occupancy as low as the prior: that alone opens nothing."""
 WALL_NAT = 1.0
 """Evidence above which a cell speaks for a wall."""
 HIT_NAT = 0.3
-"""What hits must have told of a cell's reflection coefficient, best to worst, to count as hits."""
+"""Spread of the evidence over reflection coefficients, best to worst, from which a cell counts as hit."""
 SURE_HIT_NAT = 1.0
-"""A stretch needs a cell that was told so much, where rays don't speak against it, or one that speaks for a
-wall: faint hits alone are doubt about where a wall ends."""
+"""A stretch needs a cell with so large a spread, where rays don't speak against it, or one that speaks for a
+wall: faint hits alone leave open where a wall ends."""
 LONGEST_OPEN_M = 0.3
 """Between two pieces of a wall, so much may be open at a stretch: gaps of the evidence."""
 LONGEST_GAP_M = 0.7
@@ -121,7 +121,9 @@ def _stretches(
 
 
 def _joined(state: NDArray[np.int64], edge: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Beginnings and ends of pieces of wall, after those that belong together are one: shortest gaps first.
+    """Beginnings and ends of pieces of wall, after those that belong together are one.
+
+    Pieces that were joined are longer, and may reach over the next gap, until no gap is left to close.
 
     Parameters
     ----------
@@ -134,16 +136,14 @@ def _joined(state: NDArray[np.int64], edge: Array) -> tuple[NDArray[np.intp], ND
     first, last = begin[state[begin] == WALL], end[state[begin] == WALL]
     wide = (state[begin] == OPEN) & (edge[end] - edge[begin] > LONGEST_OPEN_M)
     opened, until = begin[wide], end[wide]
-    while len(first) > 1:
+    while True:
         gap, length = edge[first[1:]] - edge[last[:-1]], edge[last] - edge[first]
         closed = np.searchsorted(opened, last[:-1]) == np.searchsorted(until, first[1:], side="right")
         beside = np.minimum(length[1:], length[:-1])
         fits = closed & (gap <= LONGEST_GAP_M) & (beside >= LEAST_SHARE * gap)
         if not fits.any():
-            break
-        shortest = np.argmin(np.where(fits, gap, np.inf))
-        first, last = np.delete(first, shortest + 1), np.delete(last, shortest)
-    return first, last
+            return first, last
+        first, last = first[np.append(True, ~fits)], last[np.append(~fits, True)]
 
 
 def _states(

@@ -14,6 +14,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal, write_signal
+from gridslam.wording import counted
 from gridslam.world.columns import MOST_STEPS
 from gridslam.world.geometry import wrap
 from gridslam.world.names import label_fault
@@ -103,7 +104,8 @@ class Recording:
         """One line."""
         size = " x ".join(str(n) for n in self.samples.shape[2:])
         known = "" if self.truth is None else ", true track known"
-        return f"<Recording of {len(self)} steps, anchors {', '.join(self.anchors)}, samples {size}{known}>"
+        steps, who = counted(len(self), "step"), ", ".join(self.anchors)
+        return f"<Recording of {steps}, anchors {who}, samples {size}{known}>"
 
     def __len__(self) -> int:
         return len(self.time_s)

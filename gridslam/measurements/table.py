@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab, per_step_arrays
+from gridslam.wording import counted
 from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, VALUES, Columns, check_columns, fill_missing
 from gridslam.world.geometry import wrap
 from gridslam.world.names import label_fault
@@ -129,8 +130,8 @@ class Measurements:
     def __repr__(self) -> str:
         """One line."""
         known = "" if self.truth is None else ", true track known"
-        who = ", ".join(self.anchors)
-        return f"<Measurements of {len(self.step)} paths in {len(self)} steps, anchors {who}{known}>"
+        size = f"{counted(len(self.step), 'path')} in {counted(len(self), 'step')}"
+        return f"<Measurements of {size}, anchors {', '.join(self.anchors)}{known}>"
 
     def __len__(self) -> int:
         return self.steps

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gridslam.estimates import Estimate
+from gridslam.wording import counted
 from gridslam.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -70,12 +71,14 @@ def progress_bar(
         def tell(estimate: Estimate, done: int, total: int) -> None:
             nonlocal square, count
             rate = done / max(bar.get_time() - began, 1e-9)
-            state = f"{rate:.1f} steps/s, {int(estimate.detected.sum())} surfaces"
+            state = f"{rate:.1f} steps/s, {counted(int(estimate.detected.sum()), 'surface')}"
             if truth is not None and truth.time_s[0] <= estimate.time_s <= truth.time_s[-1]:
                 there = [np.interp(estimate.time_s, truth.time_s, axis) for axis in truth.position_m.T]
                 square, count = square + float(((estimate.position_m - there) ** 2).sum()), count + 1
             if count:
-                since = "" if count == done else f" of the last {count} steps"  # since a run was resumed
+                since = (
+                    "" if count == done else f" of the last {counted(count, 'step')}"
+                )  # since a run was resumed
                 state += f", error{since} {100 * (square / count) ** 0.5:.1f} cm"
             bar.update(task, completed=done, total=total, state=state)
             due = total >= LEAST_STEPS and done * LINES // total > (done - 1) * LINES // total

@@ -12,6 +12,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
+from gridslam.wording import counted
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -70,7 +71,8 @@ class Run:
         """One line."""
         whole = ", interrupted" if self.interrupted else ""
         who = f"{self.agent} in {self.scene.name} by {self.method}, seed {self.seed}"
-        return f"<Run of {who}: {len(self.estimates)} steps, {len(self.surfaces)} surfaces{whole}>"
+        size = f"{counted(len(self.estimates), 'step')}, {counted(len(self.surfaces), 'surface')}"
+        return f"<Run of {who}: {size}{whole}>"
 
     def plot(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> Figure:
         """A figure of the map and the track, with the true track if there is one.
@@ -91,13 +93,13 @@ class Run:
         Raises
         ------
         InputError
-            The truth is none, or that of another scene.
+            The truth, or one of the earlier ones, is none or that of another scene.
         """
         from gridslam.drawing.map_figure import draw_map
         from gridslam.evaluation.surface_truth import false_surfaces
         from gridslam.simulation.image_source import Truth
 
-        track, false = self._own_track(truth), None
+        track, false = self._own_track(truth, earlier), None
         agents = self.map.provenance.get("agents")
         if isinstance(truth, Truth) and isinstance(agents, list) and len(agents) == 1 + len(earlier):
             false = false_surfaces(self.map.surfaces, truth, earlier)
@@ -127,7 +129,8 @@ class Run:
         Raises
         ------
         InputError
-            The truth is none, that of another scene, or its track doesn't cover the run.
+            The truth, or one of the earlier ones, is none or that of another scene; or the track doesn't
+            cover the run.
         """
         from gridslam.evaluation.consistency import complaints
         from gridslam.evaluation.ground_truth import known_bound, tells_heading
@@ -143,7 +146,7 @@ class Run:
         from gridslam.simulation.image_source import Truth
         from gridslam.systems.registry import kind_of, maps_features
 
-        track = self._own_track(truth)
+        track = self._own_track(truth, earlier)
         found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
         maps_surfaces = self.map.surfaces is not None or len(found) > 0
         scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
@@ -216,13 +219,14 @@ class Run:
             for name, (height, std) in last.heights.items()
         }
 
-    def _own_track(self, truth: Truth | Trajectory | None) -> Trajectory | None:
-        """The true track of whatever a user hands over as the truth, if it can be this run's."""
-        from gridslam.evaluation.ground_truth import require_same_world
+    def _own_track(self, truth: Truth | Trajectory | None, earlier: Sequence[Truth]) -> Trajectory | None:
+        """The true track of whatever a user hands over as the truth, if all of it can be this run's."""
+        from gridslam.evaluation.ground_truth import require_earlier, require_same_world
         from gridslam.simulation.image_source import Truth
 
         if not isinstance(truth, Truth | Trajectory | None):
             raise InputError("truth", type(truth).__name__, "a Truth (gs.ground_truth) or a Trajectory")
+        require_earlier(self.scene, earlier)
         if not isinstance(truth, Truth):
             return truth
         require_same_world(self.scene, self.agent, self.trajectory.time_s, truth)

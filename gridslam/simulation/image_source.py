@@ -22,6 +22,7 @@ from gridslam.simulation.occlusion import visible
 from gridslam.simulation.reception import received
 from gridslam.simulation.scattering import scattered_paths
 from gridslam.simulation.true_paths import TruePaths
+from gridslam.wording import counted
 from gridslam.world.columns import OPTIONAL, VALUES
 from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
 from gridslam.world.scene import Scene
@@ -45,8 +46,8 @@ class Truth:
 
     def __repr__(self) -> str:
         """One line."""
-        walls = f"{len(self.segments)} pieces of walls"
-        return f"<Truth: {len(self.paths.step)} paths in {len(self.trajectory)} steps, {walls}>"
+        size = f"{counted(len(self.paths.step), 'path')} in {counted(len(self.trajectory), 'step')}"
+        return f"<Truth: {size}, {counted(len(self.segments), 'piece')} of walls>"
 
     def first(self, steps: int) -> Truth:
         """Truth about the first steps alone, for a run that ended early."""

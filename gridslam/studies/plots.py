@@ -19,6 +19,7 @@ from gridslam.evaluation.consistency import nees_band
 from gridslam.io.files import write_bytes
 from gridslam.studies.batches import Batch
 from gridslam.systems.registry import kind_of
+from gridslam.wording import counted
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
@@ -298,7 +299,7 @@ def _bound(axes: Axes, values: Sequence[NDArray[Any]], label: str, style: str) -
 def _label(batch: Batch, own: Sequence[Batch]) -> str:
     settings = "".join(f", {key.rpartition('.')[2]}={value}" for key, value in batch.variant.settings)
     lost = f", {batch.diverged} diverged" if batch.diverged else ""
-    return f"{batch.method}{settings} ({batch.runs} runs{lost})"
+    return f"{batch.method}{settings} ({counted(batch.runs, 'run')}{lost})"
 
 
 def _fit_axis(axes: Axes, which: str, errors: NDArray[Any]) -> None:

@@ -12,6 +12,7 @@ from types import ModuleType
 from typing import Any, Protocol, TypeVar
 
 from gridslam.errors import InputError
+from gridslam.wording import counted
 
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -75,7 +76,7 @@ class LocalWorkers:
             # to and fro, so that no run is for ever behind the one that kills
             left = sorted(set(left) - finished, reverse=deaths % 2 == 1)
             if left and deaths >= MOST_DEATHS:
-                found = f"processes that died {deaths} times in a row ({len(left)} runs left)"
+                found = f"processes that died {deaths} times in a row ({counted(len(left), 'run')} left)"
                 raise InputError("workers", found, "enough memory for each, or fewer --workers")
 
 

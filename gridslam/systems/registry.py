@@ -281,7 +281,9 @@ def method_class(method: str | type, where: str = "method") -> type[Slam]:
         return require_slam(_imported(places[0], f"entry point {method!r} of {GROUP}"), where, places[0])
     if method not in METHODS:
         theirs = sorted({entry.name for entry in _entry_points()} - set(METHODS))
-        raise InputError(where, repr(method), ", ".join((*METHODS, *theirs, OWN)))
+        from gridslam.world.validation import nearest
+
+        raise InputError(where, repr(method), nearest(method, (*METHODS, *theirs, OWN)))
     return cast("type[Slam]", _imported(METHODS[method].path, where))  # ours are tested, not asked
 
 

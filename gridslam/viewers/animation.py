@@ -25,6 +25,7 @@ from gridslam.io.files import cannot_write, put_in_place
 from gridslam.runs.run_files import AgentFiles
 from gridslam.viewers.plots import STRENGTH
 from gridslam.viewers.signal_plots import BELIEVED
+from gridslam.wording import counted
 from gridslam.world.geometry import unit
 from gridslam.world.scene import Scene
 
@@ -160,7 +161,9 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     axes.plot(*scene.anchor_positions.T, "k^", ms=5)
     _agent(axes, scene, now)
     axes.set(xlim=scene.grid.x_m, ylim=scene.grid.y_m, aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    axes.set_title(f"step {now.step}: {len(rays)} paths, {len(known)} surfaces", fontsize=9)
+    axes.set_title(
+        f"step {now.step}: {counted(len(rays), 'path')}, {counted(len(known), 'surface')}", fontsize=9
+    )
 
 
 def _agent(axes: Axes, scene: Scene, now: Estimate) -> None:

@@ -55,6 +55,7 @@ from gridslam.viewers.signal_plots import (
     has_images,
     typical_step,
 )
+from gridslam.wording import counted
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 
@@ -100,8 +101,7 @@ def draw_rays(
         axes.plot(*place, "o", color="k", mfc="w", ms=6, label="agent", zorder=5)
         anchors(axes, scene)
         frame(axes, window)
-        counted = f"{len(lines)} path{'' if len(lines) == 1 else 's'}"
-        axes.set_title(f"{title}: {counted} at step {own.step}", fontsize="small")
+        axes.set_title(f"{title}: {counted(len(lines), 'path')} at step {own.step}", fontsize="small")
         if number:
             axes.set_ylabel("")
     handles, labels = figure.axes[0].get_legend_handles_labels()
@@ -129,8 +129,8 @@ def draw_errors(
     """
     truth = _truth(scene, name, found) if truth is None else truth
     headed = tells_heading(scene, name, takes)
-    counted = maps_surfaces(found)
-    panels = 1 + headed + counted
+    with_surfaces = maps_surfaces(found)
+    panels = 1 + headed + with_surfaces
     figure = blank(width, 0.15 * width * panels + 0.1 * width + 0.24 * panels + 0.92)
     rows = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
     position, heading = rows[0], rows[1] if headed else None
@@ -161,7 +161,7 @@ def draw_errors(
     position.set_ylabel("position (cm)")
     if heading is not None:
         heading.set_ylabel("heading (deg)")
-    if counted:
+    if with_surfaces:
         shared = None if truth is None else _seen_so_far(truth.joined(beside), earlier, len(steps))
         _count_surfaces(rows[-1], found, shared)
         if truth is not None:
@@ -169,7 +169,7 @@ def draw_errors(
     rows[-1].set(xlabel="step", xlim=(steps[0], max(steps[-1], steps[0] + 1)))
     for axes in rows:
         axes.grid(alpha=0.3)
-    for axes in rows[: panels - counted]:
+    for axes in rows[: panels - with_surfaces]:
         _settled(axes, steps)
     figure.align_ylabels()
     return figure

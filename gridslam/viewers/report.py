@@ -16,6 +16,7 @@ from gridslam.maps.map import Map
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.viewers.animation import animate, film_ending
 from gridslam.viewers.plots import draw_all
+from gridslam.wording import counted
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
@@ -206,7 +207,8 @@ def surface_table(grid: Map) -> str:
     titles = ["surface", "from (m)", "to (m)", "length", "reflection", "existence"]
     notes = [f"{word}: {why}" for word, why in UNDRAWN.items() if any(word in row for row in rows)]
     more = f"<p>{escape('; '.join(notes))}.</p>" if notes else ""
-    return f"<details open><summary>{len(rows)} surfaces</summary>{_table(titles, rows)}{more}</details>"
+    summary = f"<summary>{counted(len(rows), 'surface')}</summary>"
+    return f"<details open>{summary}{_table(titles, rows)}{more}</details>"
 
 
 def _settings(run: RunFiles) -> str:

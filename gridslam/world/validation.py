@@ -20,7 +20,7 @@ def fault(field: str, found: str, allowed: str) -> PydanticCustomError:
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """Say which known word was probably meant, or list them all."""
-    known = sorted(known)
+    known = tuple(known)
     close = get_close_matches(word, known, n=1, cutoff=0.6)
     return f"{close[0]} (nearest known)" if close else ", ".join(known) or "none here"
 

@@ -169,6 +169,8 @@ def test_damaged_file_is_refused_in_one_line(say, made, name, spoil):
     [
         (b"# Read me\n", "nothing that gridslam reads"),
         (b"\x89HDF\r\n\x1a\n" + bytes(40), "HDF5 that is damaged or cut short"),
+        (bytes(1024) + b"\x89HDF\r\n\x1a\n" + bytes(40), "HDF5 that is damaged or cut short"),
+        (bytes(1000) + b"\x89HDF\r\n\x1a\n" + bytes(40), "nothing that gridslam reads"),
     ],
 )
 def test_other_content_is_called_what_it_is(say, tmp_path, content, says):
@@ -176,6 +178,14 @@ def test_other_content_is_called_what_it_is(say, tmp_path, content, says):
     result = say("check", tmp_path / "README.md")
     assert (result.code, len(result.complaints)) == (2, 1)
     assert says in result.err
+
+
+def test_scene_isnt_called_a_damaged_map(say, tmp_path):
+    (tmp_path / "walk.toml").write_text('name = "walk"\n')
+    said = say("export", "walk.toml", "-o", "robot")
+    assert (said.code, said.complaints) == (
+        2, ["error: walk.toml: found a .toml file without HDF5 in it; allowed: a gridslam-map file (.h5)"],
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -177,7 +177,7 @@ OPTION_FAULTS = [
     (("run", "missing.toml"), "missing.toml"),
     (("run", "room", "--agent", "nobody"), "agent1"),
     (("run", "room", "--agent", "agent1", "--agent", "agent1"), "each agent once"),
-    (("run", "room", "--method", "magic"), "grid"),
+    (("run", "room", "--method", "gird"), "grid (nearest known)"),
     (("run", "room", "--particles", "0"), "filter.particles"),
     (("run", "room", "--particles", "many"), "--particles"),
     (("run", "room", "--seed", "-1"), "--seed"),

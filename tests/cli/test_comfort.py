@@ -15,6 +15,7 @@ from tiny import TINY
 
 import gridslam as gs
 from gridslam.cli.observed import hints
+from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.runs.progress import LEAST_STEPS, LINES, progress_bar
 
 
@@ -204,8 +205,9 @@ def test_what_is_printed_of_large_things_is_one_line():
     scene = shortened(gs.Scene.load("screen"), 3)
     truth = gs.ground_truth(scene, "agent1")
     recording = gs.simulate(scene, "agent1", 1, what="signal")
-    for thing in (scene, truth, truth.trajectory, recording, recording.waveform):
-        assert len(repr(thing)) < 120
+    tables = SurfaceEstimate.empty(), FeatureEstimate.empty()
+    for thing in (scene, truth, truth.trajectory, recording, recording.waveform, *tables):
+        assert len(repr(thing)) < 130
         assert repr(thing).startswith(f"<{type(thing).__name__}"), repr(thing)
     assert repr(gs.Scene.load("room")) == "<Scene room: 2 anchors, 1 wall, 1 agent>"
 

@@ -16,6 +16,6 @@ FLOORS = (
     "kernels/management kernels/messages",
     "kernels/propagation",
     "kernels/primitives",
-    "errors arrays",
+    "errors arrays wording",
 )
 """The highest first; rooms may import from lower floors and from their own."""

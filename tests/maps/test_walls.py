@@ -141,7 +141,7 @@ def test_wall_ends_before_a_stray_hit_beyond_an_opening():
 
 
 def test_stretches_that_belong_together_do_so_whatever_lies_between_them():
-    """The shortest gaps are closed first: two pieces are long enough together for what each alone is not."""
+    """Two pieces are long enough together for what each alone is not."""
     grid = changed(street(), (4, 6), (1.8, 2.4), 0.0, 0.0, False)
     for x in ((4.6, 4.8), (5.0, 5.4)):
         grid = changed(grid, x, (2.0, 2.1), DOUBT, 5.0, True)

@@ -67,6 +67,20 @@ def test_truth_of_another_scene_is_refused(scene):
     assert run.score(own)["surfaces_true"] is not None
 
 
+@pytest.mark.parametrize("ask", ["score", "plot"])
+def test_earlier_truths_that_are_none_or_of_another_scene_are_refused(scene, ask):
+    run, own = some_run(scene, "agent1"), ground_truth(scene, "agent1")
+    other = gs.ground_truth(gs.Scene.load("room"), "agent1")
+    for earlier, says in (
+        (own, "earlier: found Truth;"),
+        (3, "earlier: found int;"),
+        ([own, run.map], r"earlier\[1\]: found Map;"),
+        ([other], rf"earlier\[0\]: found other walls \(4 pieces\) than those of {scene.name}"),
+    ):
+        with pytest.raises(InputError, match=says):
+            getattr(run, ask)(own, earlier)
+
+
 def test_steps_read_back_equal_with_and_without_rows(tmp_path):
     written = [some_estimate(*sizes) for sizes in ((0, 0, 0), (1, 3, 2), (2, 0, 5), (3, 2, 0))]
     write_steps(tmp_path / "steps.h5", written)

@@ -95,7 +95,7 @@ def test_process_that_always_dies_ends_the_study_after_the_others_are_done(tmp_p
         for answer in LocalWorkers(2).run(doomed(tmp_path, "always"), range(5)):
             found.append(answer)
 
-    with pytest.raises(InputError, match=r"died 3 times in a row \(1 runs left\)"):
+    with pytest.raises(InputError, match=r"died 3 times in a row \(1 run left\)"):
         collect()
     assert sorted(found) == [(task, task**2) for task in (0, 1, 3, 4)]
 

@@ -124,7 +124,7 @@ def test_study_simulates_samples(say, files, monkeypatch):
     monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda *_: [])
     result = say("study", "scene.toml", "--runs", 1, "--workers", 1, "--method", NAME, "-o", "s")
     assert result.code == 0, result
-    assert "1 of 1 runs, 1 of them new" in result.out
+    assert "1 of 1 run, 1 of them new" in result.out
 
 
 @pytest.mark.slow

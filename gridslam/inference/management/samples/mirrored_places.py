@@ -1,6 +1,6 @@
 """Whether what direct SLAM believes may be mirrored: docs/model.md, (M444).
 
-Distances to anchors in one line with the agent say nothing of the side of that line, and where the way
+Distances to anchors in one line with the agent don't depend on the side of that line, and where the way
 across it isn't known yet, neither does motion: the world mirrored at the line, agent and images, receives the
 same samples, and stays as likely as the true one for as long as no other anchor is in sight. One Gaussian
 holds one of them, and can't tell that it might as well be the other.
@@ -23,7 +23,7 @@ IN_SIGHT, SURE, LOUD = 0.5, 0.99, 10.0
 
 
 def watch_mirrors(state: DirectState, band: Band, model: FilterModel) -> DirectState:
-    """Note which anchors alone told where the agent is while both sides fitted, until another one does."""
+    """Note which anchors were in sight while both sides fitted, until another one decides between them."""
     links, sided, bent = state.links, state.one_sided, bends(state, band, model)
     if not len(sided):  # of an earlier version's checkpoint
         sided = np.zeros(len(bent), np.int64)
