@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
-from gridslam.world.scan import Scan
+from gridslam.world.scan import Scan, require_time
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,10 @@ class NetworkScan:
         Raises
         ------
         InputError
-            Another number of agents, rows at another time, or any fault of a row; see `Scan.checked`.
+            Another number of agents, rows at another time, a time that is NaN or goes back, or any fault of
+            a row; see `Scan.checked`.
         """
+        require_time(self.time_s, after)
         if agents is not None and len(self.scans) != agents:
             raise InputError("scan: scans", f"{len(self.scans)} agents", f"{agents}, None for an absent one")
         whole = []

@@ -102,15 +102,20 @@ class Scan:
                 raise InputError(
                     f"scan: {name}", f"shape {column.shape}", f"({anchor.size},), one per anchor's row"
                 )
-        if not np.isfinite(time):
-            raise InputError("scan: time_s", str(time), "a finite number")
-        if after is not None and time < after:
-            raise InputError("scan: time_s", str(time), f"{after} or later: time doesn't go back")
+        require_time(time, after)
         if len(anchor) and _doubtful(columns, anchor, anchors, unlabelled, pseudo):
             still = {"step": np.zeros(len(anchor), np.intp), "time_s": np.full(len(anchor), time)}
             whole = still | {"anchor": anchor} | columns
             check_columns(whole, anchors, lambda row, name: f"scan: {name}[{row}]", unlabelled, pseudo)
         return Scan(self.step, time, anchor, **columns)
+
+
+def require_time(time_s: float, after: float | None = None) -> None:
+    """Refuse a scan's time that isn't a number, or goes back behind that of the scan before."""
+    if not np.isfinite(time_s):
+        raise InputError("scan: time_s", str(time_s), "a finite number")
+    if after is not None and time_s < after:
+        raise InputError("scan: time_s", str(time_s), f"{after} or later: time doesn't go back")
 
 
 def _doubtful(

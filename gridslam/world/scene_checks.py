@@ -45,15 +45,22 @@ def check_names(anchors: Sequence[Anchor], agents: Sequence[Agent]) -> None:
 
 
 def check_clocks(clocks: Clocks | None, anchors: Sequence[Anchor], agents: Sequence[Agent]) -> None:
-    """Refuse clocks of devices without a table of clocks, and a reference that isn't one device."""
+    """Refuse clocks of devices without a table of clocks, names of two of them, and a reference to none."""
     kinds: dict[str, Sequence[Anchor | Agent]] = {"anchors": anchors, "agents": agents}
     for key, devices in kinds.items():
         for index, device in enumerate(devices):
             if device.clock is not None and clocks is None:
                 raise fault(f"{key}[{index}].clock", "a clock", "none, or a table [clocks] too")
-    if clocks is not None and clocks.reference is not None:
-        names = [*(anchor.name for anchor in anchors), *(agent.name for agent in agents)]
-        if names.count(clocks.reference) != 1:
+    if clocks is None:
+        return
+    names = [anchor.name for anchor in anchors]
+    for index, agent in enumerate(agents):
+        if agent.name in names:
+            allowed = "a name that no anchor has: clocks go by the names of their devices"
+            raise fault(f"agents[{index}].name", repr(agent.name), allowed)
+    if clocks.reference is not None:
+        names += [agent.name for agent in agents]
+        if clocks.reference not in names:
             raise fault("clocks.reference", repr(clocks.reference), nearest(clocks.reference, names))
 
 

@@ -194,6 +194,10 @@ def agent_twice(scene, measurements):
     return scene.replace('name = "agent2"', 'name = "agent1"'), measurements
 
 
+def agent_as_an_anchor(scene, measurements):
+    return scene.replace('name = "agent2"', 'name = "B"'), measurements
+
+
 def agent_elsewhere(scene, measurements):
     return scene.replace('name = "agent2"', 'name = "other"'), measurements
 
@@ -214,6 +218,7 @@ def some_labels(scene, measurements):
     ("spoil", "says"),
     [
         (agent_twice, "agents[1].name: found 'agent1'; allowed: a name that isn't taken"),
+        (agent_as_an_anchor, "agents[1].name: found 'B'; allowed: a name that no anchor has"),
         (agent_elsewhere, "agent{kind}: found 'agent2'; allowed: agent1, other"),
         (no_prior, "clocks.anchor_prior_ns: found neither it nor a reference; allowed: a half width"),
         (some_labels, "anchor{kind}: found {found}; allowed: A, B, Z, D"),

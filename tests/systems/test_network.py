@@ -201,12 +201,16 @@ def test_scans_that_make_no_sense_are_refused(exchange, simulated):
     for bad, says in (
         (NetworkScan(0, 0.0, scan.scans[:2]), "2 agents; allowed: 3"),
         (NetworkScan(0, 1.0, scan.scans), "step 0 at 0.0 s"),
+        (NetworkScan(0, float("nan"), (None,) * 3), "time_s: found nan"),
         ("nonsense", "a NetworkScan"),
         (replace(scan, scans=(replace(first, anchor=first.anchor + 6), None, None)), "anchor"),
     ):
         with pytest.raises(InputError, match=says):
             slam.step(bad)
     assert slam.state.step == 0
+    slam.step(NetworkScan(4, 4.0, (None,) * 3))
+    with pytest.raises(InputError, match=r"found 3\.0; allowed: 4\.0 or later"):
+        slam.step(NetworkScan(5, 3.0, (None,) * 3))
     for names, says in ((["agent1", "agent1"], "twice"), (["nobody"], "nobody"), ([], "none")):
         with pytest.raises(InputError, match=says):
             NetworkSlam(exchange, agents=names)
