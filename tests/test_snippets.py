@@ -57,8 +57,8 @@ def test_page_runs_from_top_to_bottom(page, brief, say, no_figures, monkeypatch,
             continue
         for words in commands(text):
             result = say(*words, *(["--help"] if words[0] in HEAVY else []))
-            told = re.compile(r"note: |\d+ of \d+ runs$")  # progress
-            notes = [line for line in result.complaints if not told.match(line)]
+            notice = re.compile(r"note: |\d+ of \d+ runs$")  # progress
+            notes = [line for line in result.complaints if not notice.match(line)]
             assert (result.code, notes) == (0, []), words
     for name in set(sys.modules) - before:  # modules that a page wrote
         if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):

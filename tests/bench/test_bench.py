@@ -32,10 +32,10 @@ LAUNCH_S = 1e-4
 @pytest.fixture(scope="module")
 def quick():
     """What a brief measurement of everything found, start-up left out, and the parts it told of."""
-    told = []
+    progress = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bench, "start_up", lambda repeats, device: bench_start.StartUp(1.0, False, 3.0, 2.0))
-        return bench.measure(QUICK, tell=lambda *words: told.append(words)), told
+        return bench.measure(QUICK, tell=lambda *words: progress.append(words)), progress
 
 
 def numbers(value):
@@ -96,10 +96,10 @@ def test_every_kernel_there_is_has_a_twin_to_compete_with(quick):
 
 @pytest.mark.slow
 def test_progress_tells_every_part_once(quick):
-    speed, told = quick
-    assert [done for _, done, _ in told] == list(range(len(told)))
-    assert {total for _, _, total in told} == {len(told)}
-    assert len(told) == len(speed.steps) + 3
+    speed, progress = quick
+    assert [done for _, done, _ in progress] == list(range(len(progress)))
+    assert {total for _, _, total in progress} == {len(progress)}
+    assert len(progress) == len(speed.steps) + 3
 
 
 def test_watching_changes_nothing_for_the_filter():

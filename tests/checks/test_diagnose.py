@@ -162,8 +162,8 @@ def test_same_lines_from_every_format(tmp_path, tables):
     table = tables["alcove", 1]
     table.to_csv(tmp_path / "a.csv")
     table.to_h5(tmp_path / "a.h5")
-    told, more = describe(tmp_path / "a.csv"), describe(tmp_path / "a.h5")
-    assert more == [f"{told[0]}, true track known", *told[1:]]
+    lines, more = describe(tmp_path / "a.csv"), describe(tmp_path / "a.h5")
+    assert more == [f"{lines[0]}, true track known", *lines[1:]]
 
 
 @pytest.mark.slow

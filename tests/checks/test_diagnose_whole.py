@@ -189,12 +189,12 @@ def test_right_tables_are_not_said_to_misfit_where_too_little_is_known(tmp_path)
 
 def test_tables_of_one_anchor_at_a_time_are_not_said_to_have_right_heights(tmp_path):
     columns, path = simulated_columns("room", 1, steps=BRIEF), tmp_path / "heard.csv"
-    for turns, told in ((False, False), (True, True)):
+    for turns, reported in ((False, False), (True, True)):
         rows = columns["anchor"] == columns["step"] // 8 % 2 if turns else columns["step"] >= 0
         Measurements(**{n: v[rows] for n, v in columns.items()}, anchors=("A", "B")).to_csv(path)
         last = describe(path, SCENES["room"])[-1]
         assert "units and frames fit the scene" in last
-        assert ("heights and clocks can't be told: two anchors at once at 0 of" in last) == told
+        assert ("heights and clocks can't be told: two anchors at once at 0 of" in last) == reported
 
 
 def test_an_offset_stands_beside_a_height_of_the_same_anchors_alone():

@@ -63,10 +63,10 @@ def test_exchanged_labels_of_one_agent_or_of_all_are_named(scene, measurements):
         anchor[one], anchor[other] = 2, 1
 
     one = relabelled(measurements, lambda anchor: exchange(anchor, measurements.agent == 1))
-    told = "C is the scene's B, B is the scene's C"
-    assert label_and_clock_lines(one, scene) == [f"suspect: labels exchanged for agent3: {told}"]
+    pairs = "C is the scene's B, B is the scene's C"
+    assert label_and_clock_lines(one, scene) == [f"suspect: labels exchanged for agent3: {pairs}"]
     both = relabelled(measurements, lambda anchor: exchange(anchor, measurements.agent >= 0))
-    assert label_and_clock_lines(both, scene) == [f"suspect: labels exchanged for all agents: {told}"]
+    assert label_and_clock_lines(both, scene) == [f"suspect: labels exchanged for all agents: {pairs}"]
 
 
 def test_rows_with_another_anchors_label_are_counted(scene, measurements):
@@ -83,8 +83,8 @@ def test_rows_with_another_anchors_label_are_counted(scene, measurements):
 @pytest.mark.slow
 def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, measurements):
     for unlabelled in (False, True):
-        told = measurements.without_labels() if unlabelled else measurements
-        lines = label_and_clock_lines(told, still(scene))
+        received = measurements.without_labels() if unlabelled else measurements
+        lines = label_and_clock_lines(received, still(scene))
         assert len(lines) == 4
         assert all("give the scene a table [clocks]" in line for line in lines)
     offsets = [float(line.split("by ")[1].split(" m")[0]) for line in lines]

@@ -57,8 +57,8 @@ def test_matlab_files_of_several_agents_are_described(scene, tmp_path):
     }
     savemat(tmp_path / "a.mat", rows)
     assert is_network(tmp_path / "a.mat")
-    for told in (scene, None):
-        assert "of 2 agents" in describe_network(tmp_path / "a.mat", told)[0]
+    for world in (scene, None):
+        assert "of 2 agents" in describe_network(tmp_path / "a.mat", world)[0]
     savemat(tmp_path / "b.mat", {key: value for key, value in rows.items() if key != "agent"})
     assert not is_network(tmp_path / "b.mat")
 

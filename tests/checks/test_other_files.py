@@ -35,7 +35,7 @@ def made(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "described"),
     [
         ("out", "run of tiny by grid: agent1 (3 steps, "),
         ("out/run.json", "run of tiny by grid: agent1 (3 steps, "),
@@ -52,10 +52,10 @@ def made(tmp_path_factory):
         ("room", "scene room: 2 anchors, 1 wall of 4 pieces, "),
     ],
 )
-def test_every_file_of_a_run_is_told(say, made, name, told):
+def test_every_file_of_a_run_is_told(say, made, name, described):
     result = say("check", made / name if name != "room" else name)
     assert (result.code, result.err) == (0, "")
-    assert told in result.out
+    assert described in result.out
 
 
 def test_a_run_that_was_cut_short_says_so(say, made, tmp_path):
@@ -91,11 +91,11 @@ def test_every_file_that_a_run_leaves_can_be_checked(say, made):
 @pytest.mark.slow
 def test_tables_pictures_and_plans_of_an_export_can_be_checked(say, made):
     assert say("export", made / "out" / "map.h5", "-o", "there").code == 0
-    told = {path.name: say("check", path) for path in Path("there").iterdir()}
-    assert {result.code for result in told.values()} == {0}, told
-    assert "table of observed cells of a map: " in told["cells.csv"].out
-    assert "table of surfaces of a map: " in told["surfaces.csv"].out
-    assert "GeoJSON: " in told["surfaces.geojson"].out
+    results = {path.name: say("check", path) for path in Path("there").iterdir()}
+    assert {result.code for result in results.values()} == {0}, results
+    assert "table of observed cells of a map: " in results["cells.csv"].out
+    assert "table of surfaces of a map: " in results["surfaces.csv"].out
+    assert "GeoJSON: " in results["surfaces.geojson"].out
     with Path("there/cells.csv").open("a") as file:
         file.write("1,2\n")
     result = say("check", "there/cells.csv")

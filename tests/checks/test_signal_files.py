@@ -113,8 +113,8 @@ def test_a_common_delay_is_named_with_its_size(tmp_path, name, metres):
     path = written(tmp_path / "z.h5", scene, samples=lambda z: z * turn)
     (line,) = suspects(path)
     assert "delays are off" in line
-    told = float(line.split("about ")[1].split(" m")[0])
-    assert told == pytest.approx(metres, abs=0.5)
+    delay = float(line.split("about ")[1].split(" m")[0])
+    assert delay == pytest.approx(metres, abs=0.5)
 
 
 def test_one_antenna_alone_cannot_tell_conjugation_from_falling_frequencies(tmp_path):

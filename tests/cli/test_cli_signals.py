@@ -167,8 +167,8 @@ def test_calibrate_writes_the_samples_with_the_element_where_it_is(say, tmp_path
     recording = gs.simulate(scene, "agent1", 3, what="signal")
     wave, off = recording.waveform, np.array([[0.05, -0.02], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
     off = (off - off.mean(0)) * wave.wavelength_m
-    told = replace(recording, waveform=replace(wave, agent_element_m=wave.agent_element_m - off))
-    told.to_h5(tmp_path / "z.h5")
+    off_centre = replace(recording, waveform=replace(wave, agent_element_m=wave.agent_element_m - off))
+    off_centre.to_h5(tmp_path / "z.h5")
     result = say("calibrate", "screen.toml", "z.h5", "-o", "better.h5")
     assert (result.code, result.err) == (0, ""), result
     lines = result.out.splitlines()
@@ -178,7 +178,7 @@ def test_calibrate_writes_the_samples_with_the_element_where_it_is(say, tmp_path
     np.testing.assert_array_equal(found.samples, recording.samples)
     place = found.waveform.agent_element_m - found.waveform.agent_element_m.mean(0)
     assert np.abs(place - wave.agent_element_m).max() < 0.015 * wave.wavelength_m
-    replace(told, truth=None).to_h5(tmp_path / "blind.h5")
+    replace(off_centre, truth=None).to_h5(tmp_path / "blind.h5")
     (tmp_path / "run").mkdir()
     other = {"anchors": ["Z"], "anchor_x_m": [0.0], "anchor_y_m": [0.0], "frame": "elsewhere"}
     replace(gs.Map.of_scene(scene), provenance=other).save(tmp_path / "run/map.h5")

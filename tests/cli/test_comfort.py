@@ -117,8 +117,8 @@ def test_measurements_that_make_a_filter_unwell_point_to_check(say, short_room):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
-@pytest.mark.parametrize(("method", "told"), [("grid", True), ("va", False)])
-def test_distances_alone_point_to_the_method_for_them(say, method, told):
+@pytest.mark.parametrize(("method", "hinted"), [("grid", True), ("va", False)])
+def test_distances_alone_point_to_the_method_for_them(say, method, hinted):
     scene = gs.Scene.from_toml(TINY, "tiny")
     for name, keys in (("alone", ("distance_m",)), ("whole", ("distance_m", "aoa_rad"))):
         measurements = gs.simulate(scene, "agent1", 1)
@@ -133,7 +133,7 @@ def test_distances_alone_point_to_the_method_for_them(say, method, told):
     Path("tiny.toml").write_text(TINY)
     words = ("run", "tiny.toml", "--method", method, "--particles", "64")
     alone = say(*words, "--measurements", "alone.csv", "-o", "one")
-    assert ("--method va" in alone.err) == told
+    assert ("--method va" in alone.err) == hinted
     assert alone.code == 0
     assert "--method va" not in say(*words, "--measurements", "whole.csv", "-o", "other").err
 
@@ -217,6 +217,6 @@ def test_walls_beyond_the_region_are_told(say, tmp_path):
     corners = ((-4.0, -3.0), (6.5, -3.0), (4.0, 3.0), (-4.0, 3.0))
     scene = gs.Scene.checked({**data, "walls": [{**data["walls"][0], "points_m": corners}]}, "wide")
     (tmp_path / "wide.toml").write_text(scene.to_toml())
-    told = say("check", "wide.toml").out.splitlines()
-    assert told[1].endswith("beyond which nothing is mapped: walls by 1.7 m")
+    reported = say("check", "wide.toml").out.splitlines()
+    assert reported[1].endswith("beyond which nothing is mapped: walls by 1.7 m")
     assert "note" not in say("check", "room").out

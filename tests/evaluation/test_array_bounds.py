@@ -37,12 +37,12 @@ def test_one_antenna_is_the_information_of_distances():
 def test_paths_apart_tell_what_each_tells_and_overlapping_ones_less():
     amplitude = np.array([40.0 + 0j, 30.0])
 
-    def told(second):
+    def information_with(second):
         path = np.array([[3.0, 0.4, 1.0], second])
         return snapshot_information(BAND, path, amplitude, np.abs(amplitude) ** 2)
 
     alone = snapshot_information(BAND, np.array([[3.0, 0.4, 1.0]]), amplitude[:1], np.array([1600.0]))
-    apart, near = told([7.0, -2.0, -1.5]), told([3.1, 0.5, 1.1])
+    apart, near = information_with([7.0, -2.0, -1.5]), information_with([3.1, 0.5, 1.1])
     np.testing.assert_allclose(apart[:3, :3], alone, rtol=0.05, atol=0.05 * alone.max())
     assert near[0, 0] < 0.6 * alone[0, 0]
 

@@ -133,6 +133,6 @@ def killed(last, *words):
     )
     first_line = run.stdout.readline()
     run.kill()
-    told = run.communicate()[1]
-    assert (first_line, run.returncode) == ("here\n", -signal.SIGKILL), told
+    errors = run.communicate()[1]
+    assert (first_line, run.returncode) == ("here\n", -signal.SIGKILL), errors
     return run.pid

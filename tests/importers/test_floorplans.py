@@ -40,8 +40,8 @@ def say(capsys, monkeypatch, tmp_path):
         monkeypatch.setattr("sys.argv", ["gridslam", *map(str, words)])
         with pytest.raises(SystemExit) as stop:
             main()
-        told = capsys.readouterr()
-        return stop.value.code, told.out, told.err
+        output = capsys.readouterr()
+        return stop.value.code, output.out, output.err
 
     return run
 
@@ -178,18 +178,18 @@ def test_anchor_far_outside_the_walls_is_said(say, tmp_path):
         "anchor A at 90, 5.2 m stands 82.0 m outside the walls (x 0 to 8, y 0 to 6 m)",
         "the start at 4, 8 m stands 2.0 m outside the walls (x 0 to 8, y 0 to 6 m)",
     ]
-    told = say("scene", "import", "plan.geojson", "-o", "far.toml", "--anchor", "90,5.2")[1]
-    assert "note: anchor A at 90, 5.2 m stands 82.0 m outside the walls" in told
+    reported = say("scene", "import", "plan.geojson", "-o", "far.toml", "--anchor", "90,5.2")[1]
+    assert "note: anchor A at 90, 5.2 m stands 82.0 m outside the walls" in reported
 
 
 @pytest.mark.slow
 def test_import_command(say, tmp_path):
     save(tmp_path / "plan.geojson", feature("Polygon", [ROOM], material="wall"))
     words = ("scene", "import", "plan.geojson", "-o", "hall.toml", "--anchor=-0.5,1,0", "--anchor", "7,5")
-    code, told, wrong = say(*words, "--start", "4,3,90", "--material", "wall=concrete", "--cell", "0.2")
+    code, reported, wrong = say(*words, "--start", "4,3,90", "--material", "wall=concrete", "--cell", "0.2")
     assert (code, wrong) == (0, "")
-    assert "concrete: 1 wall, 0.7 (assumed for this material)" in told
-    assert "note" not in told
+    assert "concrete: 1 wall, 0.7 (assumed for this material)" in reported
+    assert "note" not in reported
     scene = Scene.load(tmp_path / "hall.toml")
     assert (scene.name, len(scene.anchors), scene.grid.cell_m) == ("hall", 2, 0.2)
     before = sorted(tmp_path.iterdir())
@@ -228,10 +228,10 @@ def test_surfaces_go_out_and_come_back_as_walls(tmp_path):
     geojson.write_surfaces(path, found)
     content = json.loads(path.read_text())
     assert [item["geometry"] is None for item in content["features"]] == [False, False, True]
-    told = content["features"][1]["properties"]
-    assert (told["id"], told["existence"], told["reflection"]) == (1, 0.9, 0.3)
-    assert told["length_m"] == pytest.approx(np.hypot(0.3, 4.0))
-    assert told["offset_std_m"] == pytest.approx(0.01)
+    properties = content["features"][1]["properties"]
+    assert (properties["id"], properties["existence"], properties["reflection"]) == (1, 0.9, 0.3)
+    assert properties["length_m"] == pytest.approx(np.hypot(0.3, 4.0))
+    assert properties["offset_std_m"] == pytest.approx(0.01)
     walls = geojson.read_walls(path)
     assert [wall.reflection for wall in walls] == [0.7, 0.3]
     for wall, true in zip(walls, ends, strict=True):

@@ -49,13 +49,13 @@ def test_learned_coefficients_equal_their_twin(seed, rays):
     held[: len(rows)] = rows
     surface = draw.dirichlet(np.full(BINS, 0.2), 3)
     frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05, 0.0])  # some hits are outside
-    factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
-    told[2], told[3] = draw.choice([0.0, 0.01, 0.6, 1.2], room), 12 * told[3]
+    factor, ratios = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
+    ratios[2], ratios[3] = draw.choice([0.0, 0.01, 0.6, 1.2], room), 12 * ratios[3]
     pairs = np.sort(draw.integers(0, 9, room - 2))
     begin = np.concatenate([[0], pairs, [3, 7]]).astype(np.int32)
     message = np.stack([draw.choice([-1.0, 2.5, 9.0, 40.0], 9), draw.choice([1e-5, 0.3, 1.0], 9)])
     (table, step), radio, count = detection_table(), random_radio(draw), np.array([room - 2, 9], np.int32)
-    messages = Messages(count, path, factor, told, begin, message)
+    messages = Messages(count, path, factor, ratios, begin, message)
     into = 7, step, draw.normal(size=13), table, radio, frame, places, cast, messages
     sights = random_hits(np.random.default_rng([seed, 1]), 3)
     own = Coefficients(surface, where, held, used, np.empty(3), np.full(3, 9, np.int32))
@@ -83,11 +83,11 @@ def test_coefficients_learned_by_given_ratios_equal_their_twin(seed, rays):
     where, rows = some_rows(draw, (9, 11), 3.0)
     held, used = np.full((99, BINS), np.nan, np.float32), np.array([len(rows)], np.int32)
     held[: len(rows)] = rows
-    factor, told = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
-    told[2] = draw.choice([0.0, 0.01, 0.6, 1.0], room)
+    factor, ratios = draw.integers(0, 2, (room, 2)).astype(float), draw.uniform(0, 1, (4, room))
+    ratios[2] = draw.choice([0.0, 0.01, 0.6, 1.0], room)
     frame = np.array([-3.0, -2.0, 0.7, 0.1, 12.0, 0.8, 0.05, 0.0])
     count, pairs = np.array([room - 2, 0], np.int32), (np.zeros(room + 1, np.int32), np.zeros((2, 0)))
-    messages = Messages(count, path, factor, told, *pairs)
+    messages = Messages(count, path, factor, ratios, *pairs)
     ratio = np.log(draw.uniform(0, 3, (room, 2, BINS)) * draw.choice([1e-3, 1.0, 1e9], (room, 2, 1)))
     into = 7, draw.normal(size=13), ratio, frame, places, cast, messages
     sights = random_hits(np.random.default_rng([seed, 1]), 3)
@@ -132,7 +132,7 @@ def test_cells_that_nothing_is_told_keep_their_occupancy():
     news, occupied = np.array([[0, 1, 0], [0, 0, 0]], np.uint8), np.full((2, 3 * CELLS), 0.25, np.float32)
     observed, evidence = np.zeros(3 * CELLS, np.uint8), np.empty(3 * CELLS)
     fold_messages(message, news, before, np.zeros_like(observed), 0, -2.0, 12.0, evidence, observed, occupied)
-    told = np.repeat([False, True, False], CELLS)
-    assert (occupied[:, ~told] == 0.25).all()
-    assert (occupied[:, told] > 0.9).all()
-    np.testing.assert_array_equal(evidence, np.where(told, 12.0, 20.0))
+    messaged = np.repeat([False, True, False], CELLS)
+    assert (occupied[:, ~messaged] == 0.25).all()
+    assert (occupied[:, messaged] > 0.9).all()
+    np.testing.assert_array_equal(evidence, np.where(messaged, 12.0, 20.0))

@@ -54,8 +54,8 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0, spared
     )
     for array in (sums, met):
         assert not array.any(), "scratch is left as it was found"
-    told = np.pad(message != 0, ((0, 0), (0, news.shape[1] * CELLS - traversed.size)))
-    assert not told.reshape(*news.shape, CELLS)[news == 0].any(), "where there are messages is known"
+    sent = np.pad(message != 0, ((0, 0), (0, news.shape[1] * CELLS - traversed.size)))
+    assert not sent.reshape(*news.shape, CELLS)[news == 0].any(), "where there are messages is known"
     whole = drawn.reshape(len(path), rays, 14)
     possible = whole[..., 12].mean(1)
     through = (whole[..., 12] * whole[..., 13]).mean(1)
@@ -137,11 +137,11 @@ def test_a_cell_alone_on_a_ray_is_told_its_whole_worth(shape, worth):
 
 
 @pytest.mark.parametrize(
-    ("worth", "told"), [(np.exp(11.0), -11.0), (np.exp(13.0), -12.0), (np.exp(30.0), -12.0)]
+    ("worth", "message"), [(np.exp(11.0), -11.0), (np.exp(13.0), -12.0), (np.exp(30.0), -12.0)]
 )
-def test_no_path_tells_a_cell_more_than_twelve_nats(worth, told):
+def test_no_path_tells_a_cell_more_than_twelve_nats(worth, message):
     """However surely it was heard; alone, it would tell the logarithm of what it is worth."""
-    assert cast_sight((0.3, 0.4), (0.6, 0.5), (1, 1), worth)[1][0, 0] == pytest.approx(told, rel=1e-5)
+    assert cast_sight((0.3, 0.4), (0.6, 0.5), (1, 1), worth)[1][0, 0] == pytest.approx(message, rel=1e-5)
     assert Plot((4, 4)).cells.frame_of_messages[4] == 12.0, "as the filter asks for it"
 
 

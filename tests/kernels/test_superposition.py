@@ -55,9 +55,9 @@ def test_responses_and_what_they_tell_are_those_of_the_twins(seed, count, size, 
     for one, other in zip(found, expected, strict=True):
         scale = max(1.0, float(np.abs(other).max()))
         np.testing.assert_allclose(np.reshape(one, np.shape(other)), other, atol=1e-8 * scale)
-    told = numbers(draw, count)
-    known = superpose_arrays(band, samples, path, weight, noise, told).information
-    expected = reference.superpose(factors, samples, weight, noise, told)[4]
+    amplitudes = numbers(draw, count)
+    known = superpose_arrays(band, samples, path, weight, noise, amplitudes).information
+    expected = reference.superpose(factors, samples, weight, noise, amplitudes)[4]
     np.testing.assert_allclose(known, expected.reshape(known.shape), atol=1e-8 * np.abs(expected).max())
 
 

@@ -61,10 +61,10 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     out = Listed(path, existence, together, predicted, found)
     list_paths(*into, Draft(points, *drafts, failed), out)
     assert failed[0] == 0
-    for told, wanted in zip(
+    for draft, wanted in zip(
         drafts, reference.prepare(mean, covariance, 5 + clocks, 0.9, points.astype(float)), strict=True
     ):
-        np.testing.assert_allclose(told, wanted, rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(draft, wanted, rtol=1e-5, atol=1e-6)
     count = int(found[0])
     rays, own, both, whole = reference.list_paths(*into)
     np.testing.assert_array_equal(path[:count], rays)
@@ -119,15 +119,15 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unkno
     whose = np.array([[1], [0, 1]][draw.integers(2)], np.int32)
     into = state, noise, mean, head, scan, known, whose, places, radio, 0.1 / (4 * np.pi * 8)
     expected, lines = reference.propose(*into, measured)
-    born, told = np.full((1 + expected.size, 4), -9, np.int32), np.full((expected.size, 3), np.nan)
+    born, proposal = np.full((1 + expected.size, 4), -9, np.int32), np.full((expected.size, 3), np.nan)
     names = "state", "noise", "mean", "head", "scan", "known", "whose", "places", "radio", "rate"
     given = dict(zip(names, into, strict=True))
-    propose.named(**given, ratio=np.empty(expected.shape), measured=measured, born=born, proposal=told)
-    born, told = born[1 : 1 + born[0, 0]], told[: born[0, 0]]
+    propose.named(**given, ratio=np.empty(expected.shape), measured=measured, born=born, proposal=proposal)
+    born, proposal = born[1 : 1 + born[0, 0]], proposal[: born[0, 0]]
     ratio, line = np.zeros(expected.shape), np.zeros((*expected.shape, 2))
     every = [(*pair, anchor) for anchor in whose.tolist() for pair in known.tolist()]
     column = [every.index(tuple(row)) for row in born[:, 1:].tolist()]
-    ratio[born[:, 0], column], line[born[:, 0], column] = told[:, 2], told[:, :2]
+    ratio[born[:, 0], column], line[born[:, 0], column] = proposal[:, 2], proposal[:, :2]
     np.testing.assert_allclose(measured[2], 1 + ratio.sum(1))
     sure = (
         np.abs(expected - np.maximum(1e-3, 1e-3 * measured[0])[:, None]) > 1e-4
@@ -157,22 +157,22 @@ def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
     measurement = draw.integers(0, 4, count)
     whose = draw.integers(0, 2, count)
     born = np.concatenate([[[count, 0, 0, 0]], np.column_stack([measurement, hit, whose])]).astype(np.int32)
-    told = np.column_stack(
+    proposal = np.column_stack(
         [draw.uniform(-3, 3, count), draw.uniform(-5, 5, count), draw.exponential(1.0, count)]
     )
     measured = np.full((4, 4), 7.0)
     into = mean, 5 + clocks, places, shape[1], occupied, frame
-    expected = reference.weigh_by_visibility(*into, born, told)
+    expected = reference.weigh_by_visibility(*into, born, proposal)
     sketch = Sketch(
         np.empty((1, LINES, LANES)), np.empty((1, PLACES, LANES), np.int32),
         np.empty((6 + 3 * surfaces, 1)), np.empty((1, 4), np.int32), np.empty((1, 14)),
     )  # fmt: skip
     mean, head, places, wide, *grid = into
     weigh_by_visibility(
-        head, wide, mean, places, *grid, sketch, BirthRows(np.empty((0, 0)), born, told), measured
+        head, wide, mean, places, *grid, sketch, BirthRows(np.empty((0, 0)), born, proposal), measured
     )
-    np.testing.assert_allclose(told[:, 2], expected, rtol=1e-5)
-    np.testing.assert_allclose(measured[2], 1 + np.bincount(measurement, told[:, 2], 4))
+    np.testing.assert_allclose(proposal[:, 2], expected, rtol=1e-5)
+    np.testing.assert_allclose(measured[2], 1 + np.bincount(measurement, proposal[:, 2], 4))
     np.testing.assert_array_equal(measured[[0, 1, 3]], 7.0)
 
 
@@ -268,9 +268,9 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces, unknown):
     rows = SurfaceRows(extent, reflection, draw.permutation(surfaces).astype(np.int64))
     into = head, 2, 5.0, Belief(mean, covariance), places, links, rows
     table, path = np.full((surfaces, 16), np.nan), np.full((room, 4), -9, np.int32)
-    number, told, found = np.full((room, 3), -9), np.full((room, 13), 9.0), np.full(1, -9, np.int32)
+    number, described, found = np.full((room, 3), -9), np.full((room, 13), 9.0), np.full(1, -9, np.int32)
     drawn, scratch = np.full((room, 13), np.nan), np.full((3 + 3 * surfaces, 1), np.nan)
-    describe(*into, Description(scratch, table, path, drawn, number, told, found))
+    describe(*into, Description(scratch, table, path, drawn, number, described, found))
     wanted, paths, numbers, values = reference.describe(*into)
     np.testing.assert_allclose(table[:, 1:], wanted[:, 1:], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(wrap(table[:, 0] - wanted[:, 0]), 0, atol=1e-12)
@@ -280,6 +280,6 @@ def test_what_users_are_told_equals_its_twin(seed, surfaces, unknown):
     np.testing.assert_array_equal(number[:count], numbers)
     late = reference.late(mean, head, paths[:, 3], places)
     far = values[:, 0] - late > 0.1  # next to its image, an agent has no direction to it
-    np.testing.assert_allclose(told[:count, :3][far], values[far, :3], rtol=1e-6, atol=4e-6)
-    np.testing.assert_allclose(told[:count, 3:5], values[:, 3:5], rtol=1e-6)
-    np.testing.assert_allclose(told[:count, 5:], values[:, 5:], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(described[:count, :3][far], values[far, :3], rtol=1e-6, atol=4e-6)
+    np.testing.assert_allclose(described[:count, 3:5], values[:, 3:5], rtol=1e-6)
+    np.testing.assert_allclose(described[:count, 5:], values[:, 5:], rtol=1e-9, atol=1e-9)

@@ -162,9 +162,9 @@ def test_run_that_is_in_two_maps_is_refused(first, second, shared):
         if not shared:
             assert len(fuse(pair).provenance["runs"]) == len(first + second)
             continue
-        with pytest.raises(InputError, match="x's run 11112222") as told:
+        with pytest.raises(InputError, match="x's run 11112222") as refused:
             fuse(pair)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(refused.value)
 
 
 def test_equal_maps_of_earlier_versions_are_refused():

@@ -151,10 +151,10 @@ def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):
     for way, text in ways.items():
         (tmp_path / f"{way}.csv").write_text(text)
         read[way] = Measurements.from_csv(tmp_path / f"{way}.csv")
-    for way, told in read.items():
+    for way, each in read.items():
         for name in ("step", "time_s", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude"):
             np.testing.assert_allclose(
-                getattr(told, name), getattr(read["plain"], name), rtol=1e-15, err_msg=way
+                getattr(each, name), getattr(read["plain"], name), rtol=1e-15, err_msg=way
             )
 
 

@@ -55,15 +55,15 @@ def test_bar_knows_no_error_without_truth_and_shows_nothing_in_a_file(measuremen
 
 
 def test_progress_is_a_bar_on_terminals_alone_or_whatever_is_called(scene, measurements, run, capsys):
-    told = []
+    progress = []
     again = gs.map_scene(
         scene,
         measurements,
         seed=1,
         particles=300,
-        progress=lambda *state: told.append((state[0].step, *state[1:])),
+        progress=lambda *state: progress.append((state[0].step, *state[1:])),
     )
-    assert told == [(step, step + 1, STEPS) for step in range(STEPS)]
+    assert progress == [(step, step + 1, STEPS) for step in range(STEPS)]
     quiet = gs.map_scene(scene, measurements, seed=1, particles=300, progress=True)
     assert capsys.readouterr() == ("", "")
     for other in (again, quiet):

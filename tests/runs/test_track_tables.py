@@ -37,12 +37,12 @@ def test_export_of_a_folder_writes_tracks_beside_the_map(say, tmp_path):
 def test_heights_go_through_all_files(say, tmp_path):
     scene = raised(hall(), [2.5] * len(hall().anchors))
     measurements = some_measurements(scene, "agent1")
-    told = scene.agent("agent1").height_m
-    assert set(measurements.truth.height_m.tolist()) == {told}
+    height = scene.agent("agent1").height_m
+    assert set(measurements.truth.height_m.tolist()) == {height}
     measurements.to_h5(tmp_path / "heard.h5")
     assert gs.Measurements.from_h5(tmp_path / "heard.h5").truth == measurements.truth
     measurements.truth.to_tum(tmp_path / "truth.tum")
-    assert say("check", "truth.tum").out.strip().endswith(f"{told:.2f} m high")
+    assert say("check", "truth.tum").out.strip().endswith(f"{height:.2f} m high")
 
 
 def test_estimated_heights_and_their_deviations_are_columns():

@@ -18,7 +18,7 @@ def scene():
 
 def test_variants_differ_in_clocks_and_labels_alone(scene):
     variants = {name: variant_of(scene, AGENTS, 3, name) for name in VARIANTS}
-    (_, free, truth), (told, tied, other) = (variants[name] for name in list(VARIANTS)[:2])
+    (_, free, truth), (labelled_scene, tied, other) = (variants[name] for name in list(VARIANTS)[:2])
     np.testing.assert_array_equal(free.table.aoa_rad, tied.table.aoa_rad)
     true = truth.source >= 0
     np.testing.assert_array_equal(truth.source, other.source)
@@ -29,7 +29,7 @@ def test_variants_differ_in_clocks_and_labels_alone(scene):
     labelled, (_, named, _) = variants["unsynchronised, labelled"][0], variants["unsynchronised, labelled"]
     assert (named.table.anchor >= 0).all()
     assert labelled.radio.false_alarms == scene.radio.false_alarms / 4
-    assert all(anchor.clock.prior_ns == 0 for anchor in told.anchors)
+    assert all(anchor.clock.prior_ns == 0 for anchor in labelled_scene.anchors)
 
 
 @pytest.mark.slow

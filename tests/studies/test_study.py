@@ -31,12 +31,12 @@ def seeds_of(outcome):
 def test_interrupted_study_goes_on_and_does_no_run_twice(scene, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         run_study(plan(scene), tmp_path / "s", Here({1: KeyboardInterrupt()}))
-    told, rest = [], Here()
-    outcome = run_study(plan(scene), tmp_path / "s", rest, progress=lambda *state: told.append(state))
+    progress, rest = [], Here()
+    outcome = run_study(plan(scene), tmp_path / "s", rest, progress=lambda *state: progress.append(state))
     assert seeds_of(outcome) == [0, 1, 2, 3]
     assert rest.done == [1, 0]  # 3 and 2 were there
     assert outcome.fresh == 2
-    assert told == [(2, 4), (3, 4), (4, 4)]
+    assert progress == [(2, 4), (3, 4), (4, 4)]
     more = Here()
     assert seeds_of(run_study(plan(scene, 6), tmp_path / "s", more)) == list(range(6))
     assert more.done == [5, 4]  # more seeds are the same study
@@ -242,9 +242,9 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
     ):
         monkeypatch.setattr("gridslam.studies.workers.LocalWorkers", lambda count, fate=fate: Here(fate))
         assert command(monkeypatch, *given) == code
-        told = capsys.readouterr()
-        assert says in told.out + told.err
-        assert "1 of them new" not in says or "2 of 2 runs\n" in told.err, "a line per run, in log files"
+        output = capsys.readouterr()
+        assert says in output.out + output.err
+        assert "1 of them new" not in says or "2 of 2 runs\n" in output.err, "a line per run, in log files"
         assert (tmp_path / "s" / "failures.log").exists() == (code == 1)
     names = {path.name for path in Path(tmp_path / "s").iterdir()}
     assert names == {"study.jsonl", "runs.csv", "steps.csv", "summary.csv"}

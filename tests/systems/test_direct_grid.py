@@ -158,9 +158,11 @@ def test_direct_on_arrays_is_direct_grid(scene, recording):
 
 @pytest.mark.parametrize("array", [{"rows": 1, "columns": 1}, {"rows": 1, "columns": 4}])
 def test_an_agent_that_tells_no_angle_is_refused_in_one_line(array):
-    with pytest.raises(InputError, match=r"agent element_m.*in one line|agent element_m.*found one") as told:
+    with pytest.raises(
+        InputError, match=r"agent element_m.*in one line|agent element_m.*found one"
+    ) as refused:
         gs.DirectGridSlam(with_arrays(array=array))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.slow

@@ -243,7 +243,7 @@ def test_every_launch_of_a_running_filter_is_a_quick_one(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", sorted(name for name, entry in METHODS.items() if entry.takes == "paths"))
 def test_filters_side_by_side_and_estimates_of_before_stay_as_they_are(method):
-    def told(estimate):
+    def copies_of(estimate):
         surfaces, paths = estimate.surfaces, estimate.paths
         return [
             np.copy(part)
@@ -258,13 +258,13 @@ def test_filters_side_by_side_and_estimates_of_before_stay_as_they_are(method):
     alone = []
     for room, scans in zip(rooms, each_scan, strict=True):
         slam = method_class(method)(room, seed=1)
-        kept = [(estimate, told(estimate)) for estimate in map(slam.step, scans)]
+        kept = [(estimate, copies_of(estimate)) for estimate in map(slam.step, scans)]
         alone.append([copies for _, copies in kept])
         for estimate, copies in kept:
-            for now, then in zip(told(estimate), copies, strict=True):
+            for now, then in zip(copies_of(estimate), copies, strict=True):
                 np.testing.assert_array_equal(now, then)
     both = [method_class(method)(room, seed=1) for room in rooms]
     for step, scans in enumerate(zip(*each_scan, strict=True)):
         for slam, scan, expected in zip(both, scans, alone, strict=True):
-            for now, then in zip(told(slam.step(scan)), expected[step], strict=True):
+            for now, then in zip(copies_of(slam.step(scan)), expected[step], strict=True):
                 np.testing.assert_array_equal(now, then)

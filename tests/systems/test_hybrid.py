@@ -35,8 +35,8 @@ def recording(screen):
 
 def begun(system, scene, recording, **more):
     slam = system(scene, seed=1, waveform=recording.waveform, **more)
-    told = assumed_start(scene, "agent1", 1)
-    slam.start_at(told.position_m, told.heading_rad)
+    start = assumed_start(scene, "agent1", 1)
+    slam.start_at(start.position_m, start.heading_rad)
     return slam
 
 
@@ -223,8 +223,8 @@ def test_scattered_paths_as_strong_as_the_sight_do_not_carry_the_agent_off_at_th
     scene = gs.Scene.load("scatter").with_filter(particles=2000)
     recording = gs.simulate(scene, "agent1", 5, what="signal")
     slam = HybridSlam(scene, seed=5, waveform=recording.waveform)
-    told = assumed_start(scene, "agent1", 5)
-    slam.start_at(told.position_m, told.heading_rad)
+    start = assumed_start(scene, "agent1", 5)
+    slam.start_at(start.position_m, start.heading_rad)
     for step in range(16):
         found = slam.step(recording.scan(step))
     assert np.hypot(*(found.position_m - recording.truth.position_m[15])) < 0.7

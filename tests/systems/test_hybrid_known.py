@@ -36,13 +36,13 @@ def test_scatterers_have_the_extra_length_of_their_way_to_the_anchor():
 
 
 def test_its_map_says_that_it_was_told_and_so_does_whatever_goes_on_from_it():
-    told = KnownHybridSlam(SCREEN).map()
+    sheet = KnownHybridSlam(SCREEN).map()
     known = "true walls and scatterers"
-    assert told.truth_given == known
-    assert str(told).endswith(f"told the {known}>")
-    _, note = fitted(told, SCREEN, "first/map.h5")
+    assert sheet.truth_given == known
+    assert str(sheet).endswith(f"told the {known}>")
+    _, note = fitted(sheet, SCREEN, "first/map.h5")
     assert note == f"first/map.h5: whoever made it was told the {known}"
-    assert gs.HybridSlam(SCREEN, prior_map=told).map().truth_given == known
+    assert gs.HybridSlam(SCREEN, prior_map=sheet).map().truth_given == known
     assert fitted(gs.HybridSlam(SCREEN).map(), SCREEN)[1] is None
 
 

@@ -73,9 +73,9 @@ def test_amplitudes_over_a_level_are_weaker_by_its_coefficient():
     scene = with_levels(raised(ROOM, 1.5))
     radio, rays = scene.filter_model("agent1").radio, Rays.of(np.arange(6), 0, -1, -1, np.ones(6), np.ones(6))
     products = np.tile(np.random.default_rng(0).dirichlet(np.ones(len(PRODUCTS))), (6, 1))
-    told = reflected(products, rays, radio).probability
-    np.testing.assert_allclose(told.sum(1), 1)
-    means = told @ PRODUCTS / (products @ PRODUCTS)
+    belief = reflected(products, rays, radio).probability
+    np.testing.assert_allclose(belief.sum(1), 1)
+    means = belief @ PRODUCTS / (products @ PRODUCTS)
     np.testing.assert_allclose(means, np.repeat([1.0, 0.5, 0.4], 2), rtol=0.01)  # the least node is the least
     plain = scene.signal_model("agent1")
     assert reflected(products, rays, plain).probability is products

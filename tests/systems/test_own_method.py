@@ -162,9 +162,9 @@ def test_a_method_without_start_at_is_told_its_start_by_the_scene():
     ],
 )
 def test_a_class_that_is_no_method_is_refused_in_one_line(method, says):
-    with pytest.raises(gs.InputError, match=says) as told:
+    with pytest.raises(gs.InputError, match=says) as refused:
         gs.map_scene(SCENE, MEASUREMENTS, method)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

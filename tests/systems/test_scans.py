@@ -54,9 +54,9 @@ def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
     for scan in SCANS[:3]:
         one.step(scan)
         two.step(scan)
-    with pytest.raises(gs.InputError, match=says) as told:
+    with pytest.raises(gs.InputError, match=says) as refused:
         one.step(spoil(SCANS[3]))
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(refused.value)
     for scan in SCANS[3:5]:
         here, there = one.step(scan), two.step(scan)
         np.testing.assert_array_equal(here.position_m, there.position_m)

@@ -64,12 +64,12 @@ def same(one, two):
 def test_nothing_writes_into_a_state_or_an_info_that_was_returned(system, scene, scans):
     plain, watched = system(scene, seed=3), system(scene, seed=3)
     for scan in scans:
-        kept, told = plain.state, frozen(watched.info)
-        copies = [array.copy() for array in arrays((kept, told))]
+        kept, info = plain.state, frozen(watched.info)
+        copies = [array.copy() for array in arrays((kept, info))]
         estimate, other = plain.step(scan), watched.step(scan)
         frozen(watched.state)
         np.testing.assert_array_equal(estimate.covariance, other.covariance)
-        for array, copy in zip(arrays((kept, told)), copies, strict=True):
+        for array, copy in zip(arrays((kept, info)), copies, strict=True):
             np.testing.assert_array_equal(array, copy)
     assert len(plain.state.surfaces)
 
@@ -289,11 +289,11 @@ def test_a_filter_is_handed_nothing_of_the_walls_or_the_track():
     names = {field.name for field in fields(FilterModel)}
     assert not names & {"walls", "segments", "waypoints_m", "agents", "track", "truth"}
     scene = gs.Scene.load("canyon")
-    told = scene.filter_model()
+    model = scene.filter_model()
     walls = {tuple(corner) for wall in scene.walls for corner in np.round(wall.corners, 6).tolist()}
     held = {
         tuple(row)
-        for array in arrays(told)
+        for array in arrays(model)
         for row in np.round(np.atleast_2d(array), 6)[..., :2].reshape(-1, 2).tolist()
     }
     assert not held & walls
@@ -324,9 +324,9 @@ def test_stages_of_a_step_add_up_and_workspaces_are_their_filters_own(scene, sca
     one, two = GridSlam(scene, seed=3), GridSlam(scene, seed=3)
     for scan in scans[:3]:
         seconds = one.step(scan).seconds
-        told = one.info.seconds
-        assert {"evaluation", "updates", "births", "cells", "bookkeeping"} <= set(told)
-        assert 0 < sum(told.values()) <= seconds
+        parts = one.info.seconds
+        assert {"evaluation", "updates", "births", "cells", "bookkeeping"} <= set(parts)
+        assert 0 < sum(parts.values()) <= seconds
         two.step(scan)
     assert one.work is not two.work
     settings = model_of("room", particles=320).settings

@@ -49,8 +49,8 @@ def test_an_unknown_height_costs_no_more_than_the_bound_says(scene, method, seed
     height, std = run.estimates[-1].heights["agent"]
     assert std < 0.02
     assert abs(height - 1.1) < 4 * std
-    told = run.score(None)["heights"]["agent"]
-    assert (told["height_m"], told["std_m"], told["error_m"]) == (height, std, None)
+    scores = run.score(None)["heights"]["agent"]
+    assert (scores["height_m"], scores["std_m"], scores["error_m"]) == (height, std, None)
 
 
 @pytest.mark.slow
@@ -140,9 +140,9 @@ def test_an_assumed_start_draws_heights_last_and_exact_ones_never():
     np.testing.assert_array_equal(one.position_m, other.position_m)
     assert not one.heights_m
     assert not assumed_start(unsure(ROOM), "agent1", 5, "exact").heights_m
-    told = [assumed_start(unsure(ROOM), "agent1", seed).heights_m["agent"] - 1.0 for seed in range(150)]
-    assert abs(np.mean(told)) < 0.015
-    assert abs(np.std(told) - 0.05) < 0.01
+    drawn = [assumed_start(unsure(ROOM), "agent1", seed).heights_m["agent"] - 1.0 for seed in range(150)]
+    assert abs(np.mean(drawn)) < 0.015
+    assert abs(np.std(drawn) - 0.05) < 0.01
 
 
 def test_checkpoints_of_before_there_were_unknown_heights_are_read(tmp_path):

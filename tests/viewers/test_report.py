@@ -102,9 +102,9 @@ def test_page_holds_all_and_loads_nothing(run_folder):
 @pytest.mark.slow
 def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
     run = read_run(run_folder)
-    told = []
+    progress = []
     for frames, count in ((100, STEPS), (2, 2)):
-        animate(run.scene, run.agents["agent1"], tmp_path / "a.gif", frames, lambda *n: told.append(n))
+        animate(run.scene, run.agents["agent1"], tmp_path / "a.gif", frames, lambda *n: progress.append(n))
         with Image.open(tmp_path / "a.gif") as film:
             assert film.n_frames == count
             pictures = []
@@ -112,7 +112,7 @@ def test_every_frame_differs_and_the_last_step_is_shown(run_folder, tmp_path):
                 film.seek(number)
                 pictures.append(np.asarray(film.convert("L"), dtype=int))
         assert all((a != b).any() for a, b in pairwise(pictures))
-    assert told[: STEPS + 1] == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5), (1, 2)]
+    assert progress[: STEPS + 1] == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5), (1, 2)]
     assert [path.name for path in tmp_path.iterdir()] == ["a.gif"]
 
 

@@ -57,6 +57,6 @@ def test_a_grid_that_memory_has_no_room_for_is_refused_in_one_line():
     whole = {"x_m": [-250.0, 250.0], "y_m": [-250.0, 250.0], "cell_m": 0.1}
     with pytest.raises(
         gs.InputError, match=r"2\.5e\+07 cells, which need 5\.2 GB.*at most 2 GB: a larger"
-    ) as told:
+    ) as refused:
         gs.Scene.checked({**room, "grid": whole}, "vast")
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(refused.value)

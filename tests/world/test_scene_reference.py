@@ -10,8 +10,8 @@ from gridslam.world.scene_reference import MEANINGS, commented, keys
 
 
 def test_every_key_has_a_meaning_and_no_meaning_is_left_over():
-    told = sum(len(table) for table in MEANINGS.values())
-    assert len({id(key) for key in keys()}) >= told  # tables that stand in two places count twice
+    explained = sum(len(table) for table in MEANINGS.values())
+    assert len({id(key) for key in keys()}) >= explained  # tables that stand in two places count twice
     assert {key.name for key in keys()} == {name for table in MEANINGS.values() for name in table}
 
 

@@ -110,13 +110,13 @@ def test_the_filter_begins_where_it_is_told(scene):
     slam = gs.GridSlam(scene, seed=1)
     slam.start_at(start.position_m, start.heading_rad)
     np.testing.assert_array_equal(slam.state.belief.mean, [*start.position_m, 0, 0, start.heading_rad])
-    told = gs.map_scene(scene, measurements, seed=1, start=start)
+    drawn = gs.map_scene(scene, measurements, seed=1, start=start)
     own = gs.map_scene(scene, measurements, seed=1)
-    assert (told.start, own.start) == ("drawn", "exact")
+    assert (drawn.start, own.start) == ("drawn", "exact")
     np.testing.assert_array_equal(
-        told.trajectory.position_m, [slam.step(scan).position_m for scan in measurements]
+        drawn.trajectory.position_m, [slam.step(scan).position_m for scan in measurements]
     )
-    assert (told.trajectory.position_m != own.trajectory.position_m).any()
+    assert (drawn.trajectory.position_m != own.trajectory.position_m).any()
     with pytest.raises(gs.InputError, match="start: found told after 3 steps; allowed: before the first"):
         slam.start_at(start.position_m, 0.0)
     with pytest.raises(gs.InputError, match=r"start: .*nan.*finite"):
@@ -127,20 +127,20 @@ def test_the_filter_begins_where_it_is_told(scene):
 def test_a_run_says_which_start_was_told(file, tmp_path, no_figures, monkeypatch, capsys):
     measurements = tmp_path / "heard.csv"
     assert call(monkeypatch, ["simulate", file, "-o", measurements]) == 0
-    told = {}
+    summaries = {}
     for name, more in {
         "default": [], "drawn": ["--start", "drawn"], "exact": ["--start", "exact"],
         "recorded": ["--measurements", measurements],
     }.items():  # fmt: skip
         assert call(monkeypatch, ["run", file, "--agent", "agent1", "-o", tmp_path / name, *more]) == 0
-        told[name] = json.loads((tmp_path / name / "run.json").read_text())
-    assert [told[n]["start"] for n in ("default", "drawn", "exact", "recorded")] == [
+        summaries[name] = json.loads((tmp_path / name / "run.json").read_text())
+    assert [summaries[n]["start"] for n in ("default", "drawn", "exact", "recorded")] == [
         "drawn",
         "drawn",
         "exact",
         "exact",
     ]
-    rmse = {name: summary["agents"]["agent1"]["position_rmse_m"] for name, summary in told.items()}
+    rmse = {name: summary["agents"]["agent1"]["position_rmse_m"] for name, summary in summaries.items()}
     assert rmse["default"] == rmse["drawn"] != rmse["exact"]
     capsys.readouterr()
     for words in (["--start", "vague"], ["--measurements", measurements, "--start", "drawn"]):

@@ -132,23 +132,23 @@ def test_innovations_are_called_at_what_chance_does_once_in_100_000_steps(room, 
 
 
 @pytest.mark.parametrize(
-    ("spread_m", "loud", "told"),
+    ("spread_m", "loud", "reported"),
     [(0.4, 1.0, True), (0.4, 9.0, False), (0.1, 1.0, False), (1.2, 1.0, False)],  # at 1.2 m it says "alone"
 )
-def test_a_position_that_nothing_loud_checks_is_no_sure_one(room, spread_m, loud, told):
-    assert ("too faint to check" in reasons_of(room, spread_m, explained=loud, loud=loud)) is told
+def test_a_position_that_nothing_loud_checks_is_no_sure_one(room, spread_m, loud, reported):
+    assert ("too faint to check" in reasons_of(room, spread_m, explained=loud, loud=loud)) is reported
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.integers(0, 400), max_size=30), st.floats(0.1, 10, allow_subnormal=False))
-def test_the_clutter_level_is_bounded_whatever_is_heard(counts, told):
+def test_the_clutter_level_is_bounded_whatever_is_heard(counts, reported):
     signal = gs.Scene.load("room").signal_model()
-    signal = type(signal)(**{**vars(signal), "false_alarms": told})
+    signal = type(signal)(**{**vars(signal), "false_alarms": reported})
     calibration = Calibration.start(1)
     for count in counts:
         calibration = calibration.faded().with_clutter(0, count, signal)
-        level = calibration.level(0, told)
-        assert LEAST_CLUTTER * told <= level <= MOST_CLUTTER * told
+        level = calibration.level(0, reported)
+        assert LEAST_CLUTTER * reported <= level <= MOST_CLUTTER * reported
 
 
 def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
@@ -202,10 +202,10 @@ def test_unsure_surfaces_do_not_hide_the_clutter():
 
 @pytest.mark.slow
 def test_a_wrong_clutter_level_and_snr_are_learned(room, signal):
-    told = disturbances.stated_snr(disturbances.stated_clutter(room, 0.5), 2.0)
-    slam = gs.GridSlam(told.believed, seed=1)
+    misstated = disturbances.stated_snr(disturbances.stated_clutter(room, 0.5), 2.0)
+    slam = gs.GridSlam(misstated.believed, seed=1)
     for step in range(40):
-        estimate = slam.step(told.measurements.scan(step))
+        estimate = slam.step(misstated.measurements.scan(step))
     assert estimate.health.amplitude == pytest.approx(np.sqrt(0.5), abs=0.05)
     # Poisson of mean 2 over some ten steps, pulled by three steps at 1, and what no known path explains
     assert (estimate.health.clutter > 1.1).all()

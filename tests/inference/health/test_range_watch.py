@@ -54,9 +54,9 @@ def looked(scene, measurements):
 )
 def test_an_offset_is_named_with_anchor_size_and_sign(name, metres, anchor, words):
     scene = gs.Scene.load(name)
-    told = watched(scene, late(gs.simulate(scene, "agent1", 21), metres, anchor))
-    assert re.search(words, told[-1])
-    assert all(not one or re.search("seem .* too " + words.split()[-1], one) for one in told)
+    offsets = watched(scene, late(gs.simulate(scene, "agent1", 21), metres, anchor))
+    assert re.search(words, offsets[-1])
+    assert all(not one or re.search("seem .* too " + words.split()[-1], one) for one in offsets)
 
 
 @pytest.mark.parametrize("name", ["room", "alcove", "hall", "facade", "ceiling", "pillars"])
@@ -84,8 +84,8 @@ def test_one_stray_line_of_sight_of_an_anchor_is_no_offset():
 
 def test_heights_that_a_scene_lacks_are_no_offset():
     tall = raised(ROOM, 1.9)
-    told = watched(ROOM, gs.simulate(tall, "agent1", 23))
-    assert not any("too long" in one for one in told)
+    offsets = watched(ROOM, gs.simulate(tall, "agent1", 23))
+    assert not any("too long" in one for one in offsets)
     assert not any(watched(tall, gs.simulate(tall, "agent1", 23)))
 
 
@@ -124,9 +124,9 @@ def test_health_says_so_at_every_step_and_after_a_run_was_resumed(tmp_path):
     assert slam.population.ranges.steps == 1
     before = looked(ROOM, measurements)[-1]
     slam.now = slam.now._replace(believed=replace(slam.population, ranges=before))
-    told = slam.step(measurements.scan(1)).health
-    assert "distances of anchor A seem 1.5" in told.why
-    assert not told.ok
+    health = slam.step(measurements.scan(1)).health
+    assert "distances of anchor A seem 1.5" in health.why
+    assert not health.ok
     slam.save(tmp_path / "at.h5")
     again = gs.AdaptiveSlam.resume(tmp_path / "at.h5")
     assert again.step(measurements.scan(2)).health.why == slam.step(measurements.scan(2)).health.why

@@ -90,11 +90,11 @@ def test_the_world_is_that_of_a_filter_told_clock_and_walls_before_the_first_ste
     assert number >= SILENT_STEPS
     assert len(before.search.scans) == number
     alone, once, twice = told_by_hand(slam, before, number, scans)
-    told = twice if mapped else once
-    np.testing.assert_array_equal(slam.state.belief.covariance, told.belief.covariance)
-    np.testing.assert_array_equal(slam.state.los, told.los)
+    given = twice if mapped else once
+    np.testing.assert_array_equal(slam.state.belief.covariance, given.belief.covariance)
+    np.testing.assert_array_equal(slam.state.los, given.los)
     assert slam.state.search is None
-    assert (told.los != alone.los).any()
+    assert (given.los != alone.los).any()
     head = once.belief.layout.head
     spread = np.diagonal(once.belief.covariance)[:head]
     assert np.abs(np.diagonal(twice.belief.covariance)[:head] / spread - 1).max() < 0.3  # little is told
@@ -106,18 +106,18 @@ def test_walls_that_two_links_hear_are_told_roughly(scene, scans):
         slam.step(scan)
     state = slam.state
     bank, fresh = state.surfaces, NetworkSlam(scene, agents=AGENTS, seed=5).state
-    told = with_walls_of(state, fresh)
-    assert len(told.surfaces) == 4
-    assert told.next_identity == 4
-    assert (told.surfaces.single == FRESH_SINGLE).all()
-    entries = told.belief.layout.head + 2 * np.arange(4)
-    across = told.belief.covariance[entries[:, None], entries]
+    given = with_walls_of(state, fresh)
+    assert len(given.surfaces) == 4
+    assert given.next_identity == 4
+    assert (given.surfaces.single == FRESH_SINGLE).all()
+    entries = given.belief.layout.head + 2 * np.arange(4)
+    across = given.belief.covariance[entries[:, None], entries]
     np.testing.assert_allclose(across, np.eye(4) * WALL_RAD**2)
-    np.testing.assert_array_equal(told.belief.lines, state.belief.lines[bank.existence > 0.9])
-    at_foot = np.array([[-told.surfaces.foot[0], 1.0]])
+    np.testing.assert_array_equal(given.belief.lines, state.belief.lines[bank.existence > 0.9])
+    at_foot = np.array([[-given.surfaces.foot[0], 1.0]])
     first = slice(entries[0], entries[0] + 2)
-    assert (at_foot @ told.belief.covariance[first, first] @ at_foot.T)[0, 0] == pytest.approx(WALL_M**2)
-    assert len(with_walls_of(state, told).surfaces) == 4 + (bank.identity >= 4).sum()
+    assert (at_foot @ given.belief.covariance[first, first] @ at_foot.T)[0, 0] == pytest.approx(WALL_M**2)
+    assert len(with_walls_of(state, given).surfaces) == 4 + (bank.identity >= 4).sum()
     single = np.where(np.arange(len(bank.single))[:, None] == 0, bank.single, 0.1)
     phantoms = replace(state, surfaces=replace(bank, single=single))
     assert len(with_walls_of(phantoms, fresh).surfaces) == 0
@@ -127,15 +127,15 @@ def test_only_modes_of_open_clocks_are_told(scene, scans):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     first, _, _ = until_set(slam, scans)
     half = replace(first, clocks=first.clocks.closed(0))
-    told = with_clocks_of(slam.state, half, 2.0)
-    devices = told.belief.layout.devices
-    mean, variance = told.belief.mean[devices], np.diagonal(told.belief.covariance)[devices]
+    given = with_clocks_of(slam.state, half, 2.0)
+    devices = given.belief.layout.devices
+    mean, variance = given.belief.mean[devices], np.diagonal(given.belief.covariance)[devices]
     later = slam.state.belief.mean[slam.state.belief.layout.devices]
     np.testing.assert_array_equal(mean[1:4], later[1:4])
     np.testing.assert_array_equal(variance[1:4], 2.0)
     assert mean[0] == first.belief.mean[devices[0]]
-    np.testing.assert_array_equal(told.belief.mean[: devices[0]], first.belief.mean[: devices[0]])
-    assert not told.clocks.unset.any()
+    np.testing.assert_array_equal(given.belief.mean[: devices[0]], first.belief.mean[: devices[0]])
+    assert not given.clocks.unset.any()
 
 
 def test_a_world_that_explains_less_is_not_taken(scene, scans):
@@ -171,11 +171,11 @@ def test_walls_that_are_told_say_nothing_of_a_clock_that_is_searched_for(scene, 
     _, info = network.step(before, scans[number], slam.model, slam.work)
     state = replace(slam.state, clocks=opened)  # as every step leaves it
     steps = ClockSteps(first, tuple(scans[:1]), -1e9)
-    told, _, _ = taken_again(steps, state, slam.model, slam.work, lambda *_: (state, info))
-    entry = told.belief.layout.devices[HIDDEN]
-    assert told.belief.mean[entry] == pytest.approx(9.0, abs=0.05)
-    assert told.belief.covariance[entry, entry] < 0.1
-    assert np.count_nonzero(told.belief.covariance[entry]) == 1
+    given, _, _ = taken_again(steps, state, slam.model, slam.work, lambda *_: (state, info))
+    entry = given.belief.layout.devices[HIDDEN]
+    assert given.belief.mean[entry] == pytest.approx(9.0, abs=0.05)
+    assert given.belief.covariance[entry, entry] < 0.1
+    assert np.count_nonzero(given.belief.covariance[entry]) == 1
     assert np.count_nonzero(slam.state.belief.covariance[entry]) > 1
 
 

@@ -196,9 +196,9 @@ def test_what_a_start_leaves_open_is_told(scene, complete, measures, anchors):
     model = replace(model, radio=replace(model.radio, measures=measures))
     state, poses = GridSlam(scene, seed=1).state, np.array([[0.0, 0.5, 0.1], [1.0, 0.5, 0.1]])
     modes = Modes(poses, np.tile(0.01 * np.eye(3), (2, 1, 1)), np.zeros(2), np.zeros(2), complete)
-    told = _started(state, modes, model).watch.reasons()
-    assert (UNPROVEN in told) is not complete
-    assert (TURNABLE in told) is (anchors == 1 and "aod" not in measures), "departures tell the turn"
+    reasons = _started(state, modes, model).watch.reasons()
+    assert (UNPROVEN in reasons) is not complete
+    assert (TURNABLE in reasons) is (anchors == 1 and "aod" not in measures), "departures tell the turn"
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def blank():
     return Map.blank(np.zeros(2), 0.1, (4, 4), 0.1)
 
 
-def told(table, rows=None):
+def seen_mirrors(table, rows=None):
     """Mirrors among features that say nothing of coefficients."""
     found = mirror_surfaces(table if rows is None else table.take(rows))
     return Mirrors(found, np.full((len(found), BINS), 1 / BINS), Grid.empty((4, 4)))
@@ -61,7 +61,7 @@ def test_surfaces_follow_what_became_of_one_image_as_if_it_had_been_measured_by_
     step, square = after(given.covariance, place, [0, 1], measured, noise)
     moved = (place + step).reshape(-1, 3)
     table = replace(given.table, position_m=moved[:, :2], bias_m=moved[:, 2])
-    found = surfaces_after(start, given, told(table, []), table, square, UNSEEN)
+    found = surfaces_after(start, given, seen_mirrors(table, []), table, square, UNSEEN)
     # the same measurement, of the lines themselves
     slope = given.slopes[:2]
     spread = slope @ start.covariance @ slope.T + noise + 2e-6 * np.eye(2)
@@ -80,12 +80,14 @@ def test_surfaces_follow_what_became_of_one_image_as_if_it_had_been_measured_by_
 def test_what_was_not_heard_stays_as_it_was():
     start = known()
     given = handed_over(None, None, start.table, start.covariance, signal_model())
-    found = surfaces_after(start, given, told(given.table, []), given.table, given.covariance, UNSEEN)
+    found = surfaces_after(start, given, seen_mirrors(given.table, []), given.table, given.covariance, UNSEEN)
     np.testing.assert_allclose(found.table.line, LINES, atol=1e-12)
     np.testing.assert_allclose(found.covariance, start.covariance, rtol=1e-6, atol=1e-12)
     np.testing.assert_array_equal(found.table.identity, start.table.identity)
     np.testing.assert_array_equal(found.table.reflection, start.table.reflection)
-    none = surfaces_after(start, given, told(given.table, []), given.table.take([]), np.zeros((0, 0)), UNSEEN)
+    none = surfaces_after(
+        start, given, seen_mirrors(given.table, []), given.table.take([]), np.zeros((0, 0)), UNSEEN
+    )
     np.testing.assert_allclose(none.covariance, start.covariance, rtol=1e-12)
 
 
@@ -98,7 +100,7 @@ def test_mirrors_are_as_correlated_as_the_features_they_are():
     for n in range(2):
         table.covariance[n, :3, :3] = joint[3 * n : 3 * n + 3, 3 * n : 3 * n + 3]
     nothing = KnownSurfaces.of(None, None, None)
-    found = surfaces_after(nothing, None, told(table), table, joint, UNSEEN)
+    found = surfaces_after(nothing, None, seen_mirrors(table), table, joint, UNSEEN)
     order = found.table.line[:, 0].argsort()
     rows = []
     for off in draw.multivariate_normal(np.zeros(6), 1e-4 * joint, 4000):
@@ -117,7 +119,7 @@ def test_a_mirror_that_the_agent_found_afresh_is_another_estimate_of_a_surface(t
     lines = LINES * [1.0, -1.0] + [np.pi, 0.0] if turned else LINES
     start = replace(start, table=replace(start.table, line=lines))
     table = learned([mirror(LINES[0], ANCHOR) + 0.01], identity=np.array([40]))
-    found = surfaces_after(start, None, told(table), table, joint_of(table), UNSEEN)
+    found = surfaces_after(start, None, seen_mirrors(table), table, joint_of(table), UNSEEN)
     assert len(found.table) == 2
     _, slope = between(table.anchor_m[0], table.position_m[0])
     own = slope @ table.covariance[0, :2, :2] @ slope.T
@@ -136,7 +138,7 @@ def test_normals_are_turned_with_extents_and_covariances():
     extent = np.array([[1.0, 4.0], [-2.0, 3.0]])
     start = replace(start, table=replace(start.table, line=lines, extent_m=extent))
     table = learned([mirror(LINES[1], ANCHOR) + 5.0], identity=np.array([40]))
-    found = surfaces_after(start, None, told(table, slice(0)), table, joint_of(table), UNSEEN)
+    found = surfaces_after(start, None, seen_mirrors(table, slice(0)), table, joint_of(table), UNSEEN)
     np.testing.assert_allclose(found.table.line, LINES)
     np.testing.assert_array_equal(found.table.extent_m, [[-4.0, -1.0], [-2.0, 3.0]])
     sign = np.array([1.0, -1.0, 1.0, 1.0])
@@ -147,7 +149,7 @@ def test_normals_are_turned_with_extents_and_covariances():
 def test_lines_on_both_sides_of_half_a_turn_are_near_each_other():
     start, west = known(np.array([[np.pi - 0.01, 6.0], LINES[1]])), np.array([-np.pi + 0.01, 6.0])
     table = learned([mirror(west, ANCHOR)], identity=np.array([40]))
-    found = surfaces_after(start, None, told(table), table, joint_of(table), UNSEEN)
+    found = surfaces_after(start, None, seen_mirrors(table), table, joint_of(table), UNSEEN)
     assert len(found.table) == 2
     assert np.pi - 0.011 <= abs(found.table.line[0, 0]) <= np.pi
     assert found.table.line[0, 1] == pytest.approx(6.0, abs=0.1)
@@ -159,7 +161,7 @@ def test_a_mirror_that_was_known_stands_for_its_surface_and_another_is_new():
     table = learned(images, identity=np.array([0, 7]))
     given = handed_over(table.take([0]), None, start.table, start.covariance, signal_model())
     given = given._replace(slopes=np.zeros_like(given.slopes))
-    found = surfaces_after(start, given, told(table), table, joint_of(table), UNSEEN)
+    found = surfaces_after(start, given, seen_mirrors(table), table, joint_of(table), UNSEEN)
     assert len(found.table) == 3
     np.testing.assert_allclose(found.table.line[0], between(ANCHOR, table.position_m[0])[0])
     np.testing.assert_allclose(found.table.line[2], [-1.0, 9.0])
@@ -171,7 +173,7 @@ def test_what_was_heard_bears_a_surface_out():
     start = known()
     given = handed_over(None, None, start.table, start.covariance, signal_model())
     table = replace(given.table, steps_seen=np.full(len(given.table), 30))
-    mirrors = told(table, [0])
+    mirrors = seen_mirrors(table, [0])
     weight = np.exp(-0.5 * (np.arange(BINS) - 7.0) ** 2)
     extent = np.array([[-2.0, 3.0]])
     mirrors = replace(

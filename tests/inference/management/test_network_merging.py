@@ -16,9 +16,9 @@ def test_surfaces_left_out_for_want_of_room_are_told(monkeypatch):
 
     def few(state, model, infos):
         before = int((state.surfaces.existence > 0.5).sum())
-        state, told = merge_and_prune_shared(state, model, infos, most=2)
+        state, infos_after = merge_and_prune_shared(state, model, infos, most=2)
         left.append(before - len(state.surfaces))
-        return state, told
+        return state, infos_after
 
     for number, scan in enumerate(gs.simulate(scene, names, seed=1)):
         if number == 8:

@@ -119,8 +119,8 @@ def test_an_agent_that_is_put_elsewhere_is_independent_of_what_is_parked():
     moved = placed(state, np.array([1.0, 1, 1]), 0.01 * np.eye(3), 0.1)
     assert not unparked(moved).belief.covariance[:5, 5:].any()
     pose, covariance = state.belief.mean[[0, 1, 4]] + 0.05, 1e-4 * np.eye(3)
-    told = conditioned(state, pose, covariance)
-    same_belief(conditioned(unparked(state), pose, covariance), told, rtol=1e-6, atol=1e-9)
+    expected = conditioned(state, pose, covariance)
+    same_belief(conditioned(unparked(state), pose, covariance), expected, rtol=1e-6, atol=1e-9)
 
 
 def test_siblings_are_matched_with_what_they_parked():
@@ -247,9 +247,9 @@ def test_a_young_surface_that_is_a_parked_wall_brings_it_back():
     parted = park(state, state, model)
     line = state.belief.lines[4] + [0.004, 0.03]
     flipped = np.array([line[0] + np.pi, -line[1]])
-    for told in (line, flipped):
+    for given in (line, flipped):
         bank = parted.surfaces.add(90, 0.9, np.full(20, 0.05), 0.0, (0, -1, -1))
-        mean = np.concatenate([parted.belief.mean, told])
+        mean = np.concatenate([parted.belief.mean, given])
         joint = np.zeros((7, 7))
         joint[:5, :5], joint[5:, 5:] = parted.belief.covariance, 1e-4 * np.eye(2)
         parked = replace(parted.parked, cross=np.pad(parted.parked.cross, ((0, 0), (0, 2))))

@@ -60,8 +60,8 @@ def test_a_path_left_out_is_one_more_on_top_of_the_others():
     matched, own = superpose_arrays(BAND, samples, PATH, WEIGHT, NOISE).without(WEIGHT)
     for path in range(3):
         rest = np.arange(3) != path
-        told, left = one_more(BAND, samples, PATH[[path]], PATH[rest], WEIGHT[rest], NOISE)
-        assert matched[path] == pytest.approx(NOISE * abs(told[0]) ** 2)
+        one, left = one_more(BAND, samples, PATH[[path]], PATH[rest], WEIGHT[rest], NOISE)
+        assert matched[path] == pytest.approx(NOISE * abs(one[0]) ** 2)
         assert own[path] == pytest.approx(NOISE * left[0])
 
 

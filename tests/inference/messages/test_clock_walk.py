@@ -75,15 +75,17 @@ def test_ways_are_all_in_which_clocks_can_walk():
 
 def test_each_way_of_walking_is_learned_by_itself(world):
     prior = float(SHARES @ np.sqrt(SHARES) / np.sqrt(SHARES).sum())  # any walk up to the one told
-    told = world[0].clocks.walk_m
-    still = learned(world, 0 * AMONG_ANCHORS, before=told**2, after=0.5 * told**2).share
+    prior_walk = world[0].clocks.walk_m
+    still = learned(world, 0 * AMONG_ANCHORS, before=prior_walk**2, after=0.5 * prior_walk**2).share
     assert (still < prior).all()
     for way, walk in enumerate((AMONG_ANCHORS, AMONG_AGENTS, AGAINST)):
-        moved = told * walk / np.abs(walk).max()
-        share = learned(world, moved, before=told**2, after=0.5 * told**2).share
+        moved = prior_walk * walk / np.abs(walk).max()
+        share = learned(world, moved, before=prior_walk**2, after=0.5 * prior_walk**2).share
         assert share[way] > 1.02 * still[way]
         np.testing.assert_allclose(np.delete(share, way), np.delete(still, way))
-    common = learned(world, 0 * AMONG_ANCHORS + 5 * told, before=told**2, after=0.5 * told**2).share
+    common = learned(
+        world, 0 * AMONG_ANCHORS + 5 * prior_walk, before=prior_walk**2, after=0.5 * prior_walk**2
+    ).share
     np.testing.assert_allclose(common, still)  # what all have in common isn't observed
 
 
@@ -97,20 +99,21 @@ def test_what_agents_have_in_common_is_learned_beside_clocks_that_are_known():
     state = NetworkState.start(model)
     clocks = replace(state.clocks, unset=np.zeros(J, bool))
     there = model, replace(state, clocks=clocks, step=FIRST_STEP, here=np.ones(3, bool), time_s=0.0)
-    told, together = model.clocks.walk_m, np.append(np.zeros(J), np.ones(3))
-    still = learned(there, 0 * together, before=told**2, after=0.5 * told**2).share
-    moved = learned(there, told * together, before=told**2, after=0.5 * told**2).share
+    prior_walk, together = model.clocks.walk_m, np.append(np.zeros(J), np.ones(3))
+    still = learned(there, 0 * together, before=prior_walk**2, after=0.5 * prior_walk**2).share
+    moved = learned(there, prior_walk * together, before=prior_walk**2, after=0.5 * prior_walk**2).share
     assert moved[2] > 1.02 * still[2]
     np.testing.assert_allclose(moved[:2], still[:2])
 
 
 def test_walks_are_weighed_by_what_they_expect(world):
     """By hand: one direction, 2 told^2 after the first step, heard to told^2 in the second."""
-    told = world[0].clocks.walk_m ** 2
-    moved = np.sqrt(told) * AGAINST / np.linalg.norm(AGAINST)
-    walks = learned(world, moved, before=2 * told, after=told)
-    noise, value = 2 * told, 2 * np.sqrt(told)  # halves the variance, and so moves half of the way
-    ahead = 2 * told + told * SHARES
+    prior_walk = world[0].clocks.walk_m ** 2
+    moved = np.sqrt(prior_walk) * AGAINST / np.linalg.norm(AGAINST)
+    walks = learned(world, moved, before=2 * prior_walk, after=prior_walk)
+    # halves the variance, and so moves half of the way
+    noise, value = 2 * prior_walk, 2 * np.sqrt(prior_walk)
+    ahead = 2 * prior_walk + prior_walk * SHARES
     wanted = -0.5 * (value**2 / (ahead + noise) + np.log(ahead + noise))
     np.testing.assert_allclose(walks.log[2], wanted - wanted.max())
     gain = ahead / (ahead + noise)
@@ -119,11 +122,11 @@ def test_walks_are_weighed_by_what_they_expect(world):
 
 
 def test_a_clock_that_jumps_says_nothing_of_walks(world):
-    told = world[0].clocks.walk_m
-    jumped = learned(world, 40 * told * AMONG_ANCHORS, before=told**2, after=0.5 * told**2)
+    prior_walk = world[0].clocks.walk_m
+    jumped = learned(world, 40 * prior_walk * AMONG_ANCHORS, before=prior_walk**2, after=0.5 * prior_walk**2)
     np.testing.assert_array_equal(jumped.log, 0)  # as before it
-    np.testing.assert_allclose(jumped.mean[0], np.tile(40 * told * AMONG_ANCHORS, (len(SHARES), 1)))
-    np.testing.assert_allclose(jumped.variance, 0.5 * told**2)
+    np.testing.assert_allclose(jumped.mean[0], np.tile(40 * prior_walk * AMONG_ANCHORS, (len(SHARES), 1)))
+    np.testing.assert_allclose(jumped.variance, 0.5 * prior_walk**2)
 
 
 def test_steps_that_say_nothing_of_the_walk_leave_it_alone(world):
@@ -149,8 +152,8 @@ def test_steps_that_say_nothing_of_the_walk_leave_it_alone(world):
 
 def test_clocks_walk_as_was_learned(world):
     model, state = world
-    told, own = model.clocks.walk_m**2, state.belief.layout.devices
-    np.testing.assert_allclose(walk_covariance(state, model), told * np.eye(FREE))
+    prior_walk, own = model.clocks.walk_m**2, state.belief.layout.devices
+    np.testing.assert_allclose(walk_covariance(state, model), prior_walk * np.eye(FREE))
     log = np.full((WAYS, len(SHARES)), -np.inf)
     log[[0, 1, 2], [0, 4, 8]] = 0.0
     blank = np.zeros((WAYS, len(SHARES), FREE))
@@ -159,21 +162,21 @@ def test_clocks_walk_as_was_learned(world):
     after = predict_all(replace(state, walks=walks), 2.0, [None] * 3, model)
     grown = (after.belief.covariance - state.belief.covariance)[np.ix_(own, own)]
     for walk, share in ((AMONG_ANCHORS, 0), (AMONG_AGENTS, 4), (AGAINST, 8), (np.ones(FREE), 8)):
-        np.testing.assert_allclose(grown @ walk, 2.0 * told * SHARES[share] * walk, atol=1e-12)
+        np.testing.assert_allclose(grown @ walk, 2.0 * prior_walk * SHARES[share] * walk, atol=1e-12)
 
 
 @pytest.mark.parametrize("true", [(1.0, 1.0, 1.0), (0.3, 0.3, 0.3), (0.03, 1.0, 0.2)])
 def test_the_walks_of_simulated_clocks_are_found(world, true):
     """Clocks alone, all pairs of anchors and agents measured at each step, by a textbook Kalman filter."""
     model, state = world
-    told, noise, draw = model.clocks.walk_m, 3 * NS * 0.1, np.random.default_rng(5)
+    prior_walk, noise, draw = model.clocks.walk_m, 3 * NS * 0.1, np.random.default_rng(5)
     rows = np.array([np.eye(FREE)[j] - np.eye(FREE)[i] for i in (4, 5, 6) for j in range(J)])
     root = np.einsum("w,wij->ij", np.array(true), ways_of(J, ALL, common=True))
     offset, state = np.zeros(FREE), with_clocks(state, np.zeros(FREE), np.eye(FREE))
     own, squares = state.belief.layout.devices, []
     ways = ways_of(J, ALL, common=False).sum(0)
     for step in range(400):
-        offset = offset + told * root @ draw.standard_normal(FREE)
+        offset = offset + prior_walk * root @ draw.standard_normal(FREE)
         mean, covariance = state.belief.mean[own], state.belief.covariance[np.ix_(own, own)]
         covariance = covariance + walk_covariance(state, model)
         before = replace(with_clocks(state, mean, covariance), time_s=float(step))

@@ -121,11 +121,11 @@ def test_elevations_tell_ways_apart_that_distances_do_not(method):
     scene = tall(steps=24, distance_std_m=0.6, false_alarms=0.2)
     flat = replace_layers(scene, 1)
     errors = []
-    for told in (scene, flat):
-        slam, errors_of = method(told, seed=1), []
-        for scan in gs.simulate(told, "agent1", seed=1):
+    for known in (scene, flat):
+        slam, errors_of = method(known, seed=1), []
+        for scan in gs.simulate(known, "agent1", seed=1):
             estimate = slam.step(scan)
-            truth = told.track("agent1").position_m[scan.step]
+            truth = known.track("agent1").position_m[scan.step]
             errors_of.append(np.linalg.norm(estimate.position_m - truth))
         errors.append(np.sqrt(np.mean(np.square(errors_of))))
     assert errors[0] < errors[1]
@@ -200,8 +200,8 @@ def test_every_message_of_a_measurement_is_multiplied_by_the_same_factor(monkeyp
 
 def test_scenes_without_heights_make_nothing_of_elevations():
     measured = gs.simulate(ROOM, "agent1", seed=2).scan(3)
-    told = np.full(len(measured), 0.4), np.full(len(measured), 0.02)
-    elevated = replace(measured, aoa_elevation_rad=told[0], aoa_elevation_std_rad=told[1])
+    elevations = np.full(len(measured), 0.4), np.full(len(measured), 0.02)
+    elevated = replace(measured, aoa_elevation_rad=elevations[0], aoa_elevation_std_rad=elevations[1])
     one, other = (GridSlam(ROOM, seed=1) for _ in range(2))
     np.testing.assert_array_equal(one.step(measured).covariance, other.step(elevated).covariance)
 

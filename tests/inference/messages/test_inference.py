@@ -75,7 +75,7 @@ def test_update_of_a_sure_association_is_the_kalman_update():
     np.testing.assert_allclose(update(belief, jacobian, residual[None], noise[None], np.zeros(1)).mean, 0)
 
 
-def told(plot, bounces, anchor, agent, line, worth):
+def cell_messages(plot, bounces, anchor, agent, line, worth):
     """Tell the cells of one path at one state, and fold that in; return its V."""
     rays = Rays.of(*(np.array([value]) for value in (0, bounces, bounces - 1, bounces - 1, 1.0, 1.0)))
     cloud = Cloud(np.array([[*agent, 0.0, np.cos(line[0]), np.sin(line[0]), line[1]]]).T, 0.0)
@@ -123,7 +123,7 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
     # the corner cells that a sampled walk may graze don't count
     before = plot.grid.evidence
     expected = ray_messages(plot, through, hits, worth)
-    told(plot, bounces, anchor, agent, (np.pi / 2, 3.5), worth)
+    cell_messages(plot, bounces, anchor, agent, (np.pi / 2, 3.5), worth)
     change = plot.grid.evidence - before
     for cell, value in expected.items():
         assert change[cell] == pytest.approx(value, rel=1e-5, abs=1e-6)
@@ -134,7 +134,7 @@ def test_cell_messages_equal_enumeration_of_all_cell_states(worth, bounces):
 
 def test_a_ray_outside_the_grid_touches_nothing():
     plot = Plot((3, 3))
-    assert told(plot, 0, (5.0, 5.0), (9.0, 7.0), (0.0, 1.0), 5.0) == 1.0
+    assert cell_messages(plot, 0, (5.0, 5.0), (9.0, 7.0), (0.0, 1.0), 5.0) == 1.0
     assert not plot.grid.evidence.any()
 
 

@@ -22,7 +22,7 @@ ROOM = raised(shortened(gs.Scene.load("room"), 30), 1.5, agent_m=1.1)
 TRUE = with_levels(ROOM, (0.0, 0.5), (3.0, 0.4))
 
 
-def told(floor, ceiling, std):
+def with_prior(floor, ceiling, std):
     """The scene with other coefficients, each as well known as one of `std` says."""
     data = TRUE.model_dump(exclude_none=True)
     data["floor"] |= {"coefficient": floor, "coefficient_std": std[0]}
@@ -38,7 +38,7 @@ def followed(method, scene, seed=2):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [GridSlam, AdaptiveSlam])
 def test_wrong_coefficients_are_learned_within_their_deviations(method):
-    slam, estimates = followed(method, told(0.2, 0.7, (0.2, 0.2)))
+    slam, estimates = followed(method, with_prior(0.2, 0.7, (0.2, 0.2)))
     for name, true in (("floor", 0.5), ("ceiling", 0.4)):
         mean, std = estimates[-1].coefficients[name]
         assert abs(mean - true) < max(4 * std, 0.05)
@@ -48,7 +48,7 @@ def test_wrong_coefficients_are_learned_within_their_deviations(method):
 
 @pytest.mark.slow
 def test_one_that_is_known_stays_and_steps_and_checkpoints_hold_the_other(tmp_path):
-    slam, estimates = followed(GridSlam, told(0.5, 0.7, (0.0, 0.2)))
+    slam, estimates = followed(GridSlam, with_prior(0.5, 0.7, (0.0, 0.2)))
     assert list(estimates[-1].coefficients) == ["ceiling"]
     assert believed(slam.model, slam.state.levels).radio.image_gains[1] == 0.5
     write_steps(tmp_path / "steps.h5", estimates)
@@ -60,7 +60,7 @@ def test_one_that_is_known_stays_and_steps_and_checkpoints_hold_the_other(tmp_pa
 
 @pytest.mark.slow
 def test_what_was_learned_of_levels_goes_on_with_the_map(tmp_path):
-    scene = told(0.2, 0.7, (0.2, 0.2))
+    scene = with_prior(0.2, 0.7, (0.2, 0.2))
     slam, estimates = followed(GridSlam, scene)
     slam.map().save(tmp_path / "map.h5")
     kept = gs.Map.load(tmp_path / "map.h5")
@@ -68,7 +68,7 @@ def test_what_was_learned_of_levels_goes_on_with_the_map(tmp_path):
     later = GridSlam(scene, prior_map=kept)
     np.testing.assert_array_equal(later.state.levels, slam.state.levels)
     for method in (GridSlam, AdaptiveSlam):  # what the scene is sure of, it says itself
-        state = method(told(0.5, 0.7, (0.0, 0.2)), prior_map=kept).state
+        state = method(with_prior(0.5, 0.7, (0.0, 0.2)), prior_map=kept).state
         assert not state.levels[0].any()
         np.testing.assert_array_equal(state.levels[1], kept.levels["ceiling"])
     mean, _ = estimates[-1].coefficients["floor"]
@@ -85,7 +85,7 @@ def test_what_was_learned_of_levels_goes_on_with_the_map(tmp_path):
 
 
 def test_simulated_agents_are_told_coefficients_that_are_drawn():
-    scene, known = told(0.5, 0.4, (0.1, 0.0)), told(0.5, 0.4, (0.0, 0.0))
+    scene, known = with_prior(0.5, 0.4, (0.1, 0.0)), with_prior(0.5, 0.4, (0.0, 0.0))
     drawn = [assumed_start(scene, "agent1", seed).coefficients["floor"] for seed in range(200)]
     assert abs(np.mean(drawn) - 0.5) < 0.03
     assert 0.08 < np.std(drawn) < 0.12
@@ -99,7 +99,7 @@ def test_simulated_agents_are_told_coefficients_that_are_drawn():
 
 @pytest.mark.slow
 def test_a_run_is_told_what_was_drawn_and_scored_by_the_truth():
-    scene = told(0.5, 0.4, (0.2, 0.0))
+    scene = with_prior(0.5, 0.4, (0.2, 0.0))
     scan = gs.simulate(scene, "agent1", seed=4)
     start = assumed_start(scene, "agent1", 4)
     run = gs.map_scene(scene, scan, seed=4, start=start)
@@ -130,7 +130,7 @@ def test_priors_have_the_moments_that_are_told():
 
 
 def test_a_path_that_is_surely_there_and_not_heard_speaks_against_loud_levels():
-    model = told(0.5, 0.4, (0.2, 0.0)).filter_model("agent1")
+    model = with_prior(0.5, 0.4, (0.2, 0.0)).filter_model("agent1")
     state, length = replace(State.start(model), levels=model.level_prior), 6.0
     rays = SimpleNamespace(anchor=np.array([model.senders]), table=np.zeros((1, 4), int))
     paths = SimpleNamespace(rays=rays, prediction=SimpleNamespace(length=np.array([length])))

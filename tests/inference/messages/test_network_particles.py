@@ -147,8 +147,8 @@ def test_a_label_keeps_other_anchors_out():
     assert new.odds[0, 1] > 0
     assert not np.delete(new.odds[0], 1).any()
     free = propose_network(state, 0, scan_of(state), OWN, np.random.default_rng(0)).odds[0, 1]
-    told = propose_network(state, 0, scan, OWN, np.random.default_rng(0)).odds[0, 1]
-    assert told == pytest.approx(4 * free)
+    ratio = propose_network(state, 0, scan, OWN, np.random.default_rng(0)).odds[0, 1]
+    assert ratio == pytest.approx(4 * free)
 
 
 def test_only_the_agent_whose_turn_it_is_moves_and_known_clocks_stay():

@@ -16,23 +16,23 @@ class Spot:
 class Bowl:
     """A posterior of one number, whose curvature is told wrongly by a factor."""
 
-    def __init__(self, told=1.0, longest=np.inf):
-        self.told, self.longest, self.seen = told, longest, []
+    def __init__(self, precision=1.0, longest=np.inf):
+        self.precision, self.longest, self.seen = precision, longest, []
 
     def at(self, numbers):
         self.seen.append(float(numbers[0]))
         return Spot(-0.5 * float((numbers[0] - 3.0) ** 2))
 
     def slopes(self, numbers, place):
-        return 3.0 - numbers, self.told * np.eye(1)
+        return 3.0 - numbers, self.precision * np.eye(1)
 
     def shortened(self, place, step):
         return np.clip(step, -self.longest, self.longest)
 
 
-@pytest.mark.parametrize("told", [1.0, 0.1, 2.0])
-def test_climbing_ends_at_the_mode_and_never_goes_down(told):
-    bowl, start = Bowl(told), np.zeros(1)
+@pytest.mark.parametrize("precision", [1.0, 0.1, 2.0])
+def test_climbing_ends_at_the_mode_and_never_goes_down(precision):
+    bowl, start = Bowl(precision), np.zeros(1)
     numbers, place = climb(bowl, start, bowl.at(start))
     assert numbers[0] == pytest.approx(3.0, abs=0.1)
     assert place.value == Bowl().at(numbers).value

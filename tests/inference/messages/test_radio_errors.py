@@ -115,9 +115,9 @@ def test_a_recording_of_a_known_way_tells_its_radio():
     wave = recording.waveform
     error = np.zeros((4, 2))
     error[1, 0] = 0.05 * wave.wavelength_m  # what is assumed is wrong, the signals are not
-    told = replace(recording, waveform=replace(wave, agent_element_m=wave.agent_element_m - error))
-    found = gs.calibrate(scene, told)
+    off_centre = replace(recording, waveform=replace(wave, agent_element_m=wave.agent_element_m - error))
+    found = gs.calibrate(scene, off_centre)
     off = (found.element_error_m - found.element_error_m.mean(0)) - (error - error.mean(0))
     assert np.abs(off).max() < 0.02 * wave.wavelength_m
     with pytest.raises(gs.InputError, match="true track"):
-        gs.calibrate(scene, replace(told, truth=None))
+        gs.calibrate(scene, replace(off_centre, truth=None))

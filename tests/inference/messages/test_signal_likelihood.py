@@ -116,14 +116,14 @@ def test_overlap_costs_what_it_costs(gap, turn, kept, correlation):
 def test_score_has_the_covariance_that_the_information_says():
     """Over noise and amplitudes, at 30 dB: E[gradient gradient^T] = E[Lambda]."""
     rng, distance, weight = np.random.default_rng(5), np.array([5.0, 5.6]), np.full(2, 1e3)
-    response, scores, told = FLAT.response(distance), [], []
+    response, scores, informations = FLAT.response(distance), [], []
     for _ in range(1500):
         amplitude = np.sqrt(weight / 2) * (rng.normal(size=2) + 1j * rng.normal(size=2))
         noise = np.sqrt(0.5) * (rng.normal(size=M) + 1j * rng.normal(size=M))
         found = superpose(FLAT, amplitude @ response + noise, distance, weight, 1.0)
         scores.append(found.gradient)
-        told.append(found.information)
-    covariance, expected = np.cov(np.transpose(scores)), np.mean(told, 0)
+        informations.append(found.information)
+    covariance, expected = np.cov(np.transpose(scores)), np.mean(informations, 0)
     np.testing.assert_allclose(covariance, expected, rtol=0.12, atol=0.05 * expected[0, 0])
     assert np.abs(np.mean(scores, 0)).max() < 4 * np.sqrt(expected[0, 0] / 1500)
 
