@@ -4,8 +4,10 @@ import importlib.util
 import inspect
 import re
 import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -137,9 +139,11 @@ def test_picture_of_the_architecture_shows_the_floors_that_are_tested():
     assert [" ".join(floors[y]) for y in sorted(floors)] == list(FLOORS)
 
 
-def generator():
-    spec = importlib.util.spec_from_file_location("generate", DOCS / "generate.py")
+def script(name):
+    """A script of docs/, as a module."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # dataclasses look there
     spec.loader.exec_module(module)
     return module
 
@@ -147,7 +151,7 @@ def generator():
 @pytest.mark.parametrize("page", ["scene-file.md", "file-formats.md", "methods.md"])
 def test_generated_page_is_the_one_that_is_committed(page):
     """If it isn't: `python docs/generate.py` (and a line on what is new, where it says so)."""
-    drawn = generator().PAGES
+    drawn = script("generate").PAGES
     assert page in drawn
     assert drawn[page]() == (DOCS / page).read_text(encoding="utf-8")
 
@@ -180,11 +184,20 @@ def test_words_of_health_that_are_explained_are_said():
             assert part.strip(" ,") in source, phrase
 
 
+def test_ways_of_random_plans_cross_no_wall():
+    plans = script("random_plans")
+    for seed in (10, 12, 13):
+        scene = plans.scene_of(seed, 30.0, "grid")
+        assert scene == plans.scene_of(seed, 30.0, "grid")
+        way = scene.track("agent1").position_m[::10].tolist()
+        walls = [(a, b) for wall in scene.walls for a, b in pairwise(wall.points_m)]
+        assert len(walls) > 2
+        assert not any(plans.crosses(a, b, wall) for a, b in pairwise(way) for wall in walls)
+
+
 def test_faults_of_built_pages_are_found(tmp_path):
     """The gate looks them over: dead links, places that aren't there, and what is loaded from elsewhere."""
-    spec = importlib.util.spec_from_file_location("check_pages", DOCS / "check_pages.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = script("check_pages")
     first = '<h1 id="top"></h1><a href="b.html#here">b</a><a href="https://x.org">x</a>'
     good, bad = tmp_path / "good", tmp_path / "bad"
     for folder, second in (
