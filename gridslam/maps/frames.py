@@ -68,7 +68,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     Map
         The same map if it is on the scene's grid already (and no word was needed).
     str or None
-        What was done to it, and whether its makers were told the truth, in one line.
+        What was done to it, and whether its makers were told the truth or lost, in one line.
 
     Raises
     ------
@@ -89,6 +89,8 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     except InputError as error:
         raise InputError(error.where.replace("map", where, 1), error.found, error.allowed) from error
     notes = [f"{where}: whoever made it was told the {grid.truth_given}"] if grid.truth_given else []
+    if grid.lost:
+        notes.append(f"{where}: {grid.lost} was lost in the end, so nobody goes on from it")
     if sheet is not grid:
         sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, sheet)]
         notes.append(f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}")

@@ -73,6 +73,7 @@ class Map(MapCells):
         surfaces = len(self.surfaces) if self.surfaces is not None else 0
         learned = "" if self.features is None else f", {counted(len(self.features), 'feature')}"
         learned += f"; told the {self.truth_given}" if self.truth_given else ""
+        learned += f"; {self.lost} was lost" if self.lost else ""
         return (
             f"by {names}: {width} x {height} cells of {self.cell_m:g} m, {self.observed.mean():.0%} "
             f"observed, {self.occupied.sum()} occupied, {counted(surfaces, 'surface')}{learned}"

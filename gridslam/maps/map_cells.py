@@ -120,7 +120,16 @@ class MapCells:
     @property
     def truth_given(self) -> str:
         """What of the truth a reference was told that had a part in it; mostly nothing."""
-        names = self.provenance.get("told")
+        return self._names("told")
+
+    @property
+    def lost(self) -> str:
+        """Which of the agents that made it were lost when they ended: nobody goes on from it; mostly none."""
+        return self._names("lost")
+
+    def _names(self, key: str) -> str:
+        """What a list of the provenance says, each once."""
+        names = self.provenance.get(key)
         return ", ".join(dict.fromkeys(map(str, names))) if isinstance(names, list) else ""
 
     @property

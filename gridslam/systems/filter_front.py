@@ -92,7 +92,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         prior = None
         if prior_map is not None:
             prior, _ = fitted(prior_map, scene, same_frame=same_frame)
-        prior = prior if self.uses_maps else None
+        if prior is not None and (prior.lost or not self.uses_maps):
+            prior = None
         self.provenance = _provenance(prior)
         self.inherited = None if prior is None else self._inherited(prior)
         begun = self._begun(self.start(self.model, prior))
@@ -199,6 +200,11 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         """What is believed after a scan, and what happened."""
         return self.advance(self.state, scan, self.model, self.work)
 
+    @property
+    def lost(self) -> bool:
+        """Whether the agent is known to be lost, so that nobody is to go on from its map."""
+        return False
+
     def latest(self) -> dict[str, Any]:
         """Provenance of the map as it stands: that of the map it began with, and this run."""
         own = {
@@ -209,7 +215,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         }
         names = [*self.provenance.get("told", ()), *([self.truth_given] if self.truth_given else ())]
         lists = {key: [*self.provenance[key], value] for key, value in own.items()}
-        return lists | ({"told": names} if names else {})
+        lost = {"lost": [self.agent]} if self.lost else {}
+        return lists | ({"told": names} if names else {}) | lost
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a checkpoint, from which `resume` goes on bit for bit.

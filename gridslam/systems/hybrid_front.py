@@ -12,6 +12,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimate_tables import PathEstimate
 from gridslam.estimates import Estimate
+from gridslam.inference.health.signal_watch import EARLY
 from gridslam.inference.management.features.feature_tables import feature_estimate
 from gridslam.inference.management.features.hybrid_info import HybridInfo
 from gridslam.inference.management.features.inherited_surfaces import KnownSurfaces, surfaces_after
@@ -90,6 +91,11 @@ class HybridFilter(SignalFilter[HybridState]):
             effective_sample_size=info.health.effective_sample_size,
             seconds=time.perf_counter() - began, health=info.health,
         )  # fmt: skip
+
+    @property
+    def lost(self) -> bool:
+        """Whether paths have arrived before its lines of sight lately, as they can't."""
+        return bool(self.state.early > EARLY)
 
     def _inherited(self, prior: Map) -> Map:
         return prior

@@ -10,8 +10,11 @@ import gridslam as gs
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE
+from gridslam.inference.health.signal_watch import EARLY
+from gridslam.maps.frames import fitted
 from gridslam.systems import values
 from gridslam.systems.hybrid import HybridSlam, SightSlam
+from gridslam.systems.published.hybrid_known import KnownHybridSlam
 from gridslam.world.start import assumed_start
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -215,6 +218,22 @@ def test_a_map_that_explains_the_first_steps_worse_than_none_is_not_believed(run
             assert (bank.presence[~left] > 0.5).sum() == 3
         else:
             assert left.all()
+
+
+def test_nobody_goes_on_from_the_map_of_an_agent_that_was_lost(screen, tmp_path):
+    maker = KnownHybridSlam(screen)
+    assert len(HybridSlam(screen, prior_map=maker.map()).state.joint.features) == 3
+    maker.now = maker.now._replace(believed=replace(maker.state, early=EARLY + 0.01))
+    maker.map().save(tmp_path / "map.h5")
+    sheet = gs.Map.load(tmp_path / "map.h5")
+    assert sheet.lost == "agent1"
+    assert str(sheet).endswith("agent1 was lost>")
+    assert fitted(sheet, screen, "map.h5")[1].endswith(
+        "agent1 was lost in the end, so nobody goes on from it"
+    )
+    following = HybridSlam(screen, prior_map=sheet)
+    assert len(following.state.joint.features) == 0
+    assert not following.map().lost
 
 
 @pytest.mark.slow
