@@ -20,6 +20,8 @@ ENOUGH_LOUD, LOW_LEAD = 6.0, 4.0
 ONE_ALONE, ELSEWHERE = 15.0, 5.0
 """Nats by which a scan is explained better elsewhere if one measurement is the line of sight there; and
 beyond those, with forgetting, from which on a place is called wrong."""
+LOW_EVIDENCE, ONE_UNEXPLAINED = 10.0, 8.0
+"""Of each loud measurement, nats, below which a step is hardly explained; what stands for the 15 then."""
 KEEP, FADING = 0.5, 0.25
 """Forgetting of leads, and of what fits elsewhere, from one comparison to the next."""
 PROOF_LEAD, PROOF_LOUD = 10.0, 20.0
@@ -53,6 +55,8 @@ class Doubt:
         Lead and loud measurements since then, or since all spoke against it.
     turnable : bool
         Whether nothing tells by how much all is turned about the one anchor.
+    raised : bool
+        Whether the latest step spoke against all hypotheses, and those before didn't.
     """
 
     lead: float = 0.0
@@ -63,6 +67,7 @@ class Doubt:
     borne: float = field(default=0.0, metadata=LATER)
     counted: float = field(default=0.0, metadata=LATER)
     turnable: bool = field(default=False, metadata=LATER)
+    raised: bool = field(default=False, metadata=LATER)
 
     FORMER_NAMES: ClassVar = ("Watch",)
 
@@ -71,9 +76,15 @@ class Doubt:
         doubtful = max(self.doubtful - 1, 0)
         if variance_m2 > SPREAD_M**2 or hypotheses > 1 or self.unproven:
             doubtful = DOUBT_STEPS
-        return self if doubtful == self.doubtful else replace(self, doubtful=doubtful)
+        if doubtful == self.doubtful and not self.raised:
+            return self
+        return replace(self, doubtful=doubtful, raised=False)
 
-    def compared(self, evidence: float, best: float, here: float, loud: float) -> Self:
+    def is_urgent(self, evidence: float, loud: float) -> bool:
+        """Whether a step asks for a comparison at once; with the numbers of `compared`."""
+        return loud > 0 and (self.elsewhere > ELSEWHERE or evidence < LOW_EVIDENCE * loud)
+
+    def compared(self, evidence: float, best: float, here: float, loud: float, due: bool = True) -> Self:
         """Take in a comparison.
 
         Parameters
@@ -84,12 +95,16 @@ class Doubt:
             Scores by the scan alone of the best pose, and of the best near the believed one, nats.
         loud : float
             Loud measurements of the scan.
+        due : bool
+            Whether it counts for the lead, too: urgent ones would count wrong steps alone.
         """
-        after = replace(
-            self, lead=KEEP * self.lead + evidence - best, loud=KEEP * self.loud + loud,
-            elsewhere=FADING * self.elsewhere + max(best - here - ONE_ALONE, 0.0),
-        )  # fmt: skip
-        return replace(after, doubtful=DOUBT_STEPS) if after.against() else after
+        alone = ONE_UNEXPLAINED if evidence < LOW_EVIDENCE * loud else ONE_ALONE
+        after = replace(self, elsewhere=FADING * self.elsewhere + max(best - here - alone, 0.0))
+        if due:
+            after = replace(after, lead=KEEP * self.lead + evidence - best, loud=KEEP * self.loud + loud)
+        if not after.against():
+            return after
+        return replace(after, doubtful=DOUBT_STEPS, raised=not self.against())
 
     def tried(self, lead: float, loud: float) -> Self:
         """Take in by how much the likeliest hypothesis leads a start anew at a step, nats; (M392)."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.health.doubt import Doubt
 from gridslam.inference.health.monitor import SILENT
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import poses, together
@@ -94,22 +95,29 @@ def watched(
 ) -> Population[State]:
     """Hand a step's log evidence to the watch, every so often with that of a fresh start to compare.
 
-    At every step while a start isn't borne out.
+    At every step while a start isn't borne out, the evidence is low, or the place is called wrong.
     """
-    state, covariance = population.best, population.best.belief.covariance
+    covariance = population.best.belief.covariance
     watch = population.watch.followed(float(covariance[0, 0] + covariance[1, 1]), len(population))
-    due = state.step % EVERY == 0
-    if len(scan) and (due or watch.unproven):
-        scans = work.once(split_by_anchor, scan, model)
-        loud = loud_of(scans, model)
-        if loud or watch.unproven:
-            draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
-            best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
-            if watch.unproven:
-                watch = watch.tried(evidence() - best, loud)
-            if due and loud:
-                watch = watch.compared(evidence(), best, here, loud)
+    if len(scan):
+        watch = _compared(watch, population.best, evidence, scan, model, work)
     return population if watch is population.watch else replace(population, watch=watch)
+
+
+def _compared(
+    watch: Doubt, state: State, evidence: Callable[[], float], scan: Scan, model: FilterModel, work: Workspace
+) -> Doubt:
+    """The watch after a scan that holds something."""
+    scans = work.once(split_by_anchor, scan, model)
+    loud, due = loud_of(scans, model), state.step % EVERY == 0
+    compares = loud > 0 and (due or watch.is_urgent(evidence(), loud))
+    if not (compares or watch.unproven):
+        return watch
+    draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
+    best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
+    if watch.unproven:
+        watch = watch.tried(evidence() - best, loud)
+    return watch.compared(evidence(), best, here, loud, due) if compares else watch
 
 
 def loud_of(scans: SplitScan, model: FilterModel) -> float:
@@ -132,8 +140,9 @@ def challenged(
 ) -> Population[State]:
     """While anything is doubtful, the population with poses elsewhere that explain one scan better.
 
-    They are looked for every so often, and at the first scan after a silence: by the scan alone as restarts,
-    with nothing mapped, and by scan and map as relocations, with the best one's map.
+    They are looked for every so often, at the first scan after a silence, and as soon as evidence speaks
+    against all: by the scan alone as restarts, with nothing mapped, and by scan and map as relocations, with
+    the best one's map.
 
     Parameters
     ----------
@@ -141,7 +150,7 @@ def challenged(
         Before a first step.
     """
     state = population.best
-    due = state.step % EVERY == 0 or state.monitor.silent >= SILENT
+    due = state.step % EVERY == 0 or state.monitor.silent >= SILENT or population.watch.raised
     if not population.watch.doubtful or not due or not len(scan):
         return population
     scans, stream = work.once(split_by_anchor, scan, model), [work.seed, state.step, PURPOSE]

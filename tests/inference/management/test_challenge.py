@@ -10,8 +10,11 @@ import gridslam as gs
 from gridslam.inference.health.doubt import (
     DOUBT_STEPS,
     ELSEWHERE,
+    FADING,
+    LOW_EVIDENCE,
     LOW_LEAD,
     ONE_ALONE,
+    ONE_UNEXPLAINED,
     PROOF_LEAD,
     PROOF_LOUD,
     Doubt,
@@ -190,14 +193,44 @@ def test_an_agent_out_of_sight_is_found_by_the_map_where_a_scan_alone_fits_too_m
     scan, label = measurements.scan(step), label[measurements.step == step]
     once = (label >= 0) & (true_paths(scene, "agent1").bounces[label] == 1)
     scan = replace(scan, **{name: getattr(scan, name)[once] for name in NAMES})
-    wrong = replace(moved(slam.state, (2.0, 1.0), 1.0), step=step)
-    lost = Population((wrong,), watch=Doubt(doubtful=DOUBT_STEPS))
+    wrong = replace(moved(slam.state, (2.0, 1.0), 1.0), step=step + 3)
+    doubtful = Population((wrong,), watch=Doubt(doubtful=DOUBT_STEPS))
+    assert challenged(doubtful, scan, start(model), model, slam.work) is doubtful, "every so often"
+    lost = replace(doubtful, watch=replace(doubtful.watch, raised=True))
     first, there = challenged(lost, scan, start(model), model, slam.work).states
     assert first is wrong
     assert np.linalg.norm(there.belief.mean[:2] - track.position_m[step]) < 0.1
     assert len(there.surfaces) == len(slam.state.surfaces), "its map is the one that there was"
-    close = Population((replace(moved(slam.state, (0.02, 0.0)), step=step),), watch=lost.watch)
+    close = replace(lost, states=(replace(moved(slam.state, (0.02, 0.0)), step=step),))
     assert challenged(close, scan, start(model), model, slam.work) == close, "better, and no other place"
+
+
+def test_a_step_that_is_hardly_explained_is_compared_at_once(mapped, scans):
+    slam, _ = mapped
+    scan, model, work = scans[slam.state.step - 1], slam.model, slam.work
+    loud = loud_of(split_by_anchor(scan, model), model)
+    right = replace(slam.state, step=EVERY * 2 + 3)
+    wrong = moved(right, (2.0, 1.0), 1.0)
+    for state, worth, said in ((wrong, 1.1, False), (wrong, 0.9, True), (right, 0.9, False)):
+        evidence = worth * LOW_EVIDENCE * loud
+        watch = watched(Population((state,)), lambda evidence=evidence: evidence, scan, model, work).watch
+        assert bool(watch.reasons()) is watch.raised is said
+        assert (watch.lead, watch.loud) == (0.0, 0.0), "of wrong steps alone it would say too little"
+
+
+def test_what_is_hardly_explained_counts_for_more_by_hand():
+    well, badly = (Doubt().compared(worth, 30.0, 12.0, 2.0, False) for worth in (20.0, 19.9))
+    assert (well.elsewhere, badly.elsewhere) == (30 - 12 - ONE_ALONE, 30 - 12 - ONE_UNEXPLAINED)
+    assert (well.raised, badly.raised) == (False, True)
+    assert not Doubt().is_urgent(0.0, 0.0)
+    assert badly.is_urgent(1e3, 1.0), "until the place isn't called wrong any more"
+    later = badly.followed(0.0, 1)
+    assert (later.raised, later.doubtful) == (False, DOUBT_STEPS - 1)
+    again = later.compared(0.0, 30.0, 12.0, 2.0, False)
+    assert again.elsewhere == FADING * badly.elsewhere + 30 - 12 - ONE_UNEXPLAINED
+    assert not again.raised, "it was called wrong before"
+    assert not badly.compared(1e3, 12.0, 12.0, 2.0, False).reasons(), "found again, it is well at once"
+    assert Doubt().compared(0.0, 0.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
 
 
 def test_places_are_hypotheses_that_count_and_stand_apart():
