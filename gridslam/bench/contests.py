@@ -36,8 +36,8 @@ def _drawn(case: Case) -> Array:
 
 def _senders(case: Case) -> NDArray[np.intp]:
     """Paths that send messages."""
-    likely = case["factor"][: _listed(case), 1] > 0.5
-    return np.flatnonzero(likely & (_drawn(case)[..., 12].mean(1) > case["frame"][5]))
+    likely = np.flatnonzero(case["factor"][: _listed(case), 1] > 0.5)  # rays of others were never drawn
+    return likely[_drawn(case)[likely, :, 12].mean(1) > case["frame"][5]]
 
 
 def _visits(case: Case) -> int:
