@@ -201,6 +201,16 @@ def test_a_runs_folder_stands_for_its_map(say, tmp_path):
     assert "one/map.h5" in result.err
 
 
+@pytest.mark.parametrize("name", ["heard.csv", "heard.h5"])
+def test_simulated_measurements_replace_no_file_unasked(say, tmp_path, name):
+    (tmp_path / "tiny.toml").write_text(TINY)
+    (tmp_path / name).write_text("mine")
+    words = ("simulate", "tiny.toml", "-o", name)
+    assert (say(*words).code, (tmp_path / name).read_text()) == (2, "mine")
+    assert say(*words, "--overwrite").code == 0
+    assert len(gs.Measurements.load(tmp_path / name)) > 0
+
+
 def test_what_is_printed_of_large_things_is_one_line():
     scene = shortened(gs.Scene.load("screen"), 3)
     truth = gs.ground_truth(scene, "agent1")

@@ -173,6 +173,17 @@ def test_command_refuses_what_is_no_run(tmp_path, capsys, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["../../secret", "/etc", ".."])
+def test_report_follows_no_agents_name_out_of_the_folder(say, tmp_path, name):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "scene.toml").write_text(gs.Scene.load("room").to_toml())
+    (folder / "run.json").write_text(json.dumps({"scene": "room", "agents": {name: {}}}))
+    result = say("report", folder)
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert f"run.json: agents: found {name!r}" in result.err
+
+
 def test_surfaces_of_a_run_can_be_drawn_on_a_map(run_folder, tmp_path):
     found = read_run(run_folder).agents["agent1"].map.surfaces
     write_surfaces(tmp_path / "a.geojson", found)
