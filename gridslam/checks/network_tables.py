@@ -15,19 +15,24 @@ from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.network_run import check_names
 from gridslam.wording import counted
+from gridslam.world.network_scene import clocks_are_known
 from gridslam.world.scene import Scene
 
 
-def is_network(path: str | os.PathLike[str]) -> bool:
+def is_network(path: str | os.PathLike[str], scene: Scene | None = None) -> bool:
     """Whether a file of measurements has several agents, or rows that don't say whose they are.
+
+    Nor is a table without a column of agents one agent's where the scene has several and unknown clocks.
 
     Raises
     ------
     InputError
         It can't be read at all.
     """
+    names = [agent.name for agent in scene.agents] if scene is not None else []
+    shared = scene is not None and len(names) > 1 and not clocks_are_known(scene, names)
     if Path(path).suffix.lower() == ".mat":
-        return matlab.names_agents(path)
+        return shared or matlab.names_agents(path)
     if Path(path).suffix.lower() != ".csv":
         with reading_h5(path, hdf5_table.KIND, hdf5_table.VERSIONS) as file:
             return "agents" in file or bool(_flag(file))
@@ -36,7 +41,7 @@ def is_network(path: str | os.PathLike[str]) -> bool:
             header = [name.strip() for name in text.readline().replace(";", ",").split(",")]
     except (OSError, UnicodeDecodeError):
         return False  # the reader says what is wrong
-    return "agent" in header or ("step" in header and "anchor" not in header)
+    return shared or "agent" in header or ("step" in header and "anchor" not in header)
 
 
 def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -> list[str]:

@@ -62,7 +62,7 @@ def check(
     if not (samples or _is_table(file)):
         _say(_describe(file))
         return
-    several = not samples and is_network(file)
+    several = not samples and is_network(file, world if agent is None else None)
     if several:
         lines = describe_network(file, world)
     else:

@@ -14,14 +14,14 @@ from rich.console import Console
 from gridslam.cli import bench, files, scene, signals
 from gridslam.cli.agents import agents_of
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, scene_names
-from gridslam.cli.options import flag, unpacked
+from gridslam.cli.options import Commands, flag, unpacked
 from gridslam.cli.robustness import robustness
 from gridslam.cli.run import run
 from gridslam.cli.study import study
 from gridslam.errors import InputError, Note, Unwritten
 from gridslam.wording import counted
 
-app = typer.Typer(
+app = Commands(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},

@@ -10,6 +10,31 @@ from pathlib import Path
 from typing import Any, TypeGuard, get_type_hints
 
 import typer
+from typer.core import TyperCommand
+
+from gridslam.errors import InputError
+
+
+class Commands(typer.Typer):
+    """Commands whose options are refused if they are given twice, unless they take several values."""
+
+    def command(self, name: str | None = None, **more: Any) -> Callable[[Any], Any]:
+        """A decorator that adds a command, as typer's does."""
+        return super().command(name, cls=_OnceEach, **more)
+
+
+class _OnceEach(TyperCommand):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As typer does it, which takes the last value of an option and says nothing of the others."""
+        options = [option for option in self.make_parser(ctx).parse_args(list(args))[2] if _takes_one(option)]
+        for option in options:
+            if options.count(option) > 1 and not ctx.resilient_parsing:
+                raise InputError(option.opts[-1], f"{options.count(option)} values", "one")
+        return super().parse_args(ctx, args)
+
+
+def _takes_one(option: Any) -> bool:
+    return bool(option.param_type_name == "option" and not option.multiple and not option.is_flag)
 
 
 def flag(name: str, meaning: str = "", **more: Any) -> Any:

@@ -9,12 +9,12 @@ import typer
 from rich.console import Console
 
 from gridslam.cli.help import LOOK, SCENE_HELP, SCENES, scene_names
-from gridslam.cli.options import flag
+from gridslam.cli.options import Commands, flag
 from gridslam.errors import InputError
 from gridslam.wording import counted
 
 out = Console()
-scene_app = typer.Typer(no_args_is_help=True, help="Make, show and import scene files.")
+scene_app = Commands(no_args_is_help=True, help="Make, show and import scene files.")
 KINDS = "FILE.geojson, FILE.json or FILE.dxf"
 
 

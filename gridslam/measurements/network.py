@@ -80,7 +80,10 @@ class NetworkMeasurements:
             if not len(steps):
                 raise InputError(where, f"{name!r}, who heard nothing at all", "agents with measurements")
         spans = np.array([[steps[0], steps[-1]] for steps in steps_of])
-        present = spans if self.present is None else np.array(self.present, np.intp)
+        given = spans if self.present is None else np.array(self.present)
+        if not np.array_equal(given, np.rint(given)):
+            raise InputError("measurements: present", "numbers that aren't whole", "first and last steps")
+        present = given.astype(np.intp)
         if present.shape != spans.shape:
             raise InputError("measurements: present", f"shape {present.shape}", f"shape {spans.shape}")
         for index, name in enumerate(names):

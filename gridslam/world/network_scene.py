@@ -71,6 +71,11 @@ def clock_model(scene: Scene, agents: Sequence[str] = ()) -> ClockModel:
     )  # fmt: skip
 
 
+def clocks_are_known(scene: Scene, agents: Sequence[str]) -> bool:
+    """Whether the clocks of all anchors and of some agents are known."""
+    return scene.clocks is None or bool(clock_model(scene, agents).known.all())
+
+
 def require_known_clocks(scene: Scene, agent: str | None = None) -> None:
     """Refuse a scene with clocks that aren't known, for methods that take distances as they are.
 
@@ -79,7 +84,8 @@ def require_known_clocks(scene: Scene, agent: str | None = None) -> None:
     InputError
         A clock isn't known, or there is no such agent.
     """
-    names = [agent] if agent is not None else [body.name for body in scene.agents[:1]]
-    if scene.clocks is not None and not clock_model(scene, names).known.all():
+    if not clocks_are_known(
+        scene, [agent] if agent is not None else [body.name for body in scene.agents[:1]]
+    ):
         allowed = "none, or a method that finds them: network (network_grid maps cells, too)"
         raise InputError(f"{scene.name}: clocks", "clocks that aren't known", allowed)

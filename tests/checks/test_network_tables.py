@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scene_samples import short
+from scene_samples import short, shortened
 from scipy.io import savemat
 
 import gridslam as gs
@@ -46,6 +46,15 @@ def test_clocks_and_labels_that_are_missing_are_named(scene, tmp_path):
     assert len(suspects) == 2
     assert "[clocks]" in suspects[0]
     assert "labels are missing on" in suspects[1]
+
+
+def test_a_table_that_lacks_the_agents_is_told_so_where_clocks_are_unknown(scene, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("step,time_s,anchor,distance_m\n0,0,A,-3\n")
+    assert is_network(path, scene)
+    assert not is_network(path, shortened(gs.Scene.load("room"), 4, agents=2))
+    with pytest.raises(InputError, match="no column 'agent'"):
+        describe_network(path, scene)
 
 
 def test_matlab_files_of_several_agents_are_described(scene, tmp_path):

@@ -173,6 +173,9 @@ def test_map_that_fits_no_cell_of_the_scene(say, tmp_path, origin, cell, shape, 
 
 
 OPTION_FAULTS = [
+    (("run", "room", "--measurements", "a.csv", "--measurements=b.csv"), "--measurements: found 2 values"),
+    (("simulate", "room", "-o", "a.csv", "--output", "b.csv"), "--output: found 2 values"),
+    (("scene", "new", "-o", "a.toml", "-o", "b.toml"), "--output: found 2 values"),
     (("run", "nowhere"), "canyon"),
     (("run", "missing.toml"), "missing.toml"),
     (("run", "room", "--agent", "nobody"), "agent1"),

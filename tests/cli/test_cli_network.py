@@ -140,7 +140,7 @@ def test_interrupted_run_shows_its_table_and_keeps_what_is_done(say, monkeypatch
 @pytest.mark.usefixtures("no_figures", "ctrl_c", "short_exchange")
 def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(say, monkeypatch):
     """With a grid beside what all agents share; of network SLAM alone, a run that is killed below."""
-    words = (*NETWORK, "--method", "network_grid")
+    words = ("run", "short.toml", "--method", "network_grid", "--seed", "1")
     assert say(*words, "-o", "whole").code == 0
     for step, more in ((0, (*words, "--checkpoint", "2", "-o", "out")), (2, ("run", "--resume", "out"))):
         with monkeypatch.context() as patch:

@@ -46,6 +46,8 @@ def test_presence_outlasts_silence():
     assert scan.scans[1] is None
     with pytest.raises(InputError, match="'me' from step 1"):
         network(present=[[1, 4], [0, 3]])
+    with pytest.raises(InputError, match="aren't whole"):
+        network(present=[[0, np.nan], [0, 3]])
 
 
 @pytest.mark.parametrize("kind", ["csv", "h5"])
