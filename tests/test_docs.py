@@ -117,6 +117,22 @@ def test_files_and_names_that_docs_give_are_there(page):
             assert re.search(rf"\b{word}\b", place.read_text(encoding="utf-8")), f"{name}: {word}"
 
 
+def test_every_equation_of_grid_slams_paper_is_given_functions_that_are_there():
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    section = page.split("### Where each equation of the papers is")[1].split("\n### ")[0]
+    own = section.split("| [Li2025adaptive] |")[0]
+    numbered = {int(n) for row in re.findall(r"^\| (\(.*?) \|", own, re.M) for n in re.findall(r"\d+", row)}
+    assert numbered == {*range(1, 15), 17, 20, 23, 26, 27, 30, 33, 36, 39, *range(42, 47)}
+    for name, inside in FILE.findall(section):
+        place = found_at(name)
+        if not inside:
+            continue
+        assert place is not None, name
+        for word in re.findall(r"`(\w+)`", inside):
+            found = re.search(rf"^ *(def|class) {word}\b", place.read_text(encoding="utf-8"), re.M)
+            assert found, (name, word)
+
+
 def test_quoted_step_is_that_of_grid_slam():
     blocks = re.findall(
         r"^```python\n(.*?)^```", (DOCS / "architecture.md").read_text(encoding="utf-8"), re.M | re.S

@@ -57,15 +57,15 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     """One step, as the list of its messages ([Li2026grid], section III)."""
     work.begin()
     exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
-    state = form.predict(state, scan.time_s, len(scan), model, work=work)  # section III-C
+    state = form.predict(state, scan.time_s, len(scan), model, work=work)  # eqs. (4), (5), (12)
     reckoned = state.calibration
     model = work.calibrated(with_levels(model, state.levels), reckoned.turned, state.belief.higher)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
     recalled = state = form.recall(state, model, work=work)
-    for anchor_scan in scans:
+    for anchor_scan in scans:  # eqs. (6), (7): each begins with what the one before it left
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
-        paths, visible = form.cast_paths(state, anchor_scan.anchor, model, work=work)  # eq. (1)
+        paths, visible = form.cast_paths(state, anchor_scan.anchor, model, work=work)  # eqs. (1), (13), (14)
         amplitudes = reflected(visible.products, paths.rays, radio, state.levels)  # eq. (2)
         # eqs. (8)-(10), (17)-(42): likelihoods, then association and beliefs
         cloud, ratios = evaluate(anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work)

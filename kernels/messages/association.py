@@ -38,7 +38,9 @@ def enter(
 ):  # fmt: skip
     """Means over the particles, and the messages from them into the association.
 
-    Arguments are those of `evaluation.evaluate`, whose blocks of particles are summed up.
+    [Li2026grid], eqs. (17) to (42): `SURFACES` is the product over those that a path meets, none, one or
+    two, so one line serves all of them. Arguments are those of `evaluation.evaluate`, whose blocks of
+    particles are summed up.
     """
     paths, count = odds.shape[1], blocks.shape[1]
     particles = ti.cast(count * PATH_BLOCK, ti.f64)

@@ -32,6 +32,7 @@ def weigh(
 ):  # fmt: skip
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
 
+    The factor of the amplitude in [Li2026grid], eqs. (8) to (10), and p_d.
     A path whose length is measured has that length: the distance less the difference of the clocks. A
     measurement without amplitude has the likelihood p_d. All paths have the first one's level of clutter.
     Arguments are those of `evaluation.evaluate`.

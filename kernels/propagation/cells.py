@@ -37,7 +37,7 @@ from gridslam.kernels.propagation.rays import list_and_predict
 
 @ti.func
 def crossed(slab, cell, add, sums: ti.template(), touched: ti.template(), count):
-    """Add the V of rays that cross a cell, listed when it is the path's first; return how many are listed."""
+    """Add the V of rays that cross a cell, for eq. (43); return how many cells of the path are listed."""
     before, more = sums[3 * slab, cell], ti.cast(add, ti.f32)
     touched[2 * slab, count] = cell
     # read, then written: an addition in place would be atomic
@@ -47,7 +47,7 @@ def crossed(slab, cell, add, sums: ti.template(), touched: ti.template(), count)
 
 @ti.func
 def lifted(slab, cell, low, high, sums: ti.template(), touched: ti.template(), count):
-    """Add the lifts of a ray that meets a cell, as `crossed`; lifts may cancel, so it is listed again."""
+    """Add the lifts of a ray that meets a cell, for eq. (44); they may cancel, so it is listed again."""
     n, row, one, two = count, 3 * slab, ti.cast(low, ti.f32), ti.cast(high, ti.f32)
     before1, before2 = sums[row + 1, cell], sums[row + 2, cell]
     fresh = (before1 == 0.0) & (before2 == 0.0) & ((one != 0.0) | (two != 0.0))
@@ -60,7 +60,7 @@ def lifted(slab, cell, low, high, sums: ti.template(), touched: ti.template(), c
 
 @ti.func
 def ratio_of(total, a, occupied, through, low, high):
-    """Log ratio of a path's message to a cell, by the sum over its rays and the cell's own three sums."""
+    """Log ratio of a path's message to a cell, eqs. (43)-(45), by its rays' sum and the cell's own three."""
     lift, free = (a - 1) * through, 1 - occupied
     # both times 1 - o, since divisions take long
     if_free = ti.max((total + low) * free + lift * occupied, 1e-12)

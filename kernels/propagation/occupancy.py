@@ -38,7 +38,7 @@ def fold_messages(
     observed: ti.types.ndarray(dtype=ti.u8, ndim=1),  # [N] in/out
     occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, N] in/out: o of a traversed cell, of a hit one
 ):
-    """Fold the messages of all paths into the cells' evidence."""
+    """Fold the messages of all paths into the cells' evidence, [Li2026grid], eq. (46)."""
     shift = ti.cast(prior, ti.f32)
     ti.loop_config(serialize=ON_CPU)
     for group in range(news.shape[1]):

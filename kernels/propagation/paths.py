@@ -41,9 +41,10 @@ def densities(
 ):  # fmt: skip
     """Sum, over a block of particles, the density of every gated pair where the path is possible.
 
-    And count the particles at which each path is; of one without pairs that no ray comes through, V = 0, it
-    doesn't matter at how many, and 0 stands there. Arguments are those of `evaluation.evaluate`; `pair` is
-    its `table`, `out` its `blocks`.
+    The factors of distance and angles in [Li2026grid], eqs. (8) to (10). Particles at which each
+    path is possible are counted, too; of one without pairs that no ray comes through, V = 0, it doesn't
+    matter at how many, and 0 stands there. Arguments are those of `evaluation.evaluate`; `pair` is its
+    `table`, `out` its `blocks`.
     """
     for row in range(path.shape[0]):
         if start[row] < start[row + 1]:

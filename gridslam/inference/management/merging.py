@@ -21,9 +21,10 @@ CONFIRMED = ((60, 8), (25, 6), (5, 2))
 def prune(
     bank: SurfaceBank, belief: Belief, threshold: float, most: int | None = MOST_SURFACES
 ) -> tuple[SurfaceBank, Belief]:
-    """Drop unlikely surfaces; a birth must be confirmed by detections soon, and the number may be bounded.
+    """Drop unlikely surfaces: [Li2026grid], section III-F.
 
-    Without confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
+    A birth must be confirmed by detections soon, and the number may be bounded. Without
+    confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
     """
     rows = zip(bank.existence.tolist(), bank.age.tolist(), bank.seen.tolist(), strict=True)
     passes = [

@@ -77,11 +77,13 @@ def propose_births(
 ) -> tuple[Births, Ratios]:
     """All birth hypotheses above a least ratio, of the measurements that carry distance and AoA.
 
+    [Li2026grid], eq. (11), integrated over agent and surface; docs/model.md, (M32).
+
     If nobody told which anchor sent a measurement, each may have: one hypothesis for each of them.
 
     Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
     doesn't depend on the frame. With a grid, births are weighed by V of their paths; without one every path
-    is open. docs/model.md, (M32).
+    is open.
 
     Parameters
     ----------

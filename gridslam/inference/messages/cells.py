@@ -47,7 +47,7 @@ class Visibility:
     Attributes
     ----------
     validity : (L,)
-        V of every path, eq. (1): probability that it is open.
+        V of every path, eq. (14): probability that it is open.
     possible : (L,)
         Share of the rays of each that are possible.
     products : (L, 2 BINS)
@@ -71,7 +71,7 @@ def casting_of(paths: int, rays: int, beliefs: int) -> Casting:
 def cast_paths(
     state: State, anchor: int, model: FilterModel, *, work: Workspace
 ) -> tuple[PredictedPaths, Visibility]:
-    """List and predict an anchor's paths, and cast them at sampled states: V, eq. (1), and coefficients.
+    """List and predict an anchor's paths, and cast them at sampled states: V, eq. (14), and coefficients.
 
     The arrays are reused when the same anchor's paths are cast again.
     """

@@ -151,8 +151,8 @@ def evaluate(
 ) -> tuple[Cloud, LikelihoodRatios]:
     """Pick pairs by distance and angles, draw the particles, and evaluate pairs and paths at them.
 
-    The pairs and the sums over blocks of particles last until the same anchor's next evaluation, particles
-    until the next of any.
+    [Li2026grid], eqs. (8) to (10), and what follows from them, (17) to (42). The pairs and the sums over
+    blocks of particles last until the same anchor's next evaluation, particles until the next of any.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ JITTER = 0.2
 
 
 def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> State:
-    """The state at the time of a scan, before its measurements are used ([Li2026grid], section III-C).
+    """The state at the time of a scan, before its measurements are used: [Li2026grid], eqs. (4), (5), (12).
 
     At the first step nothing has moved yet. The calibration fades.
 

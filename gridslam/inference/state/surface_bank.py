@@ -163,7 +163,7 @@ def _longer(rows: NDArray[Any], last: float | Array) -> NDArray[Any]:
 
 
 def evolve(bank: SurfaceBank, survival: float, walk: float, chance: Array | float = 1.0) -> SurfaceBank:
-    """Surfaces survive, coefficients walk by `walk` per step ([Li2026grid], sections III-C, IV-A).
+    """Surfaces survive, coefficients walk by `walk` per step: [Li2026grid], eqs. (4), (5), section IV-A.
 
     Parameters
     ----------

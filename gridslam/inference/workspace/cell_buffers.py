@@ -82,7 +82,7 @@ class CellBuffers:
             self.unsettled = False
 
     def occupancy(self, grid: Grid) -> runtime.Resident:
-        """Occupancy in both roles, crossed and met, (2, ny nx) float32.
+        """Occupancy in both roles, crossed and met, (2, ny nx) float32: [Li2026grid], eq. (13).
 
         It is kept by its evidence, so that hypotheses with grids of their own may be stepped in turn.
         """
@@ -95,9 +95,9 @@ class CellBuffers:
         return known
 
     def fold(self, grid: Grid) -> tuple[Array, NDArray[np.bool_]]:
-        """Evidence of the cells with messages folded in, and which are observed; messages are 0 then.
+        """Evidence of the cells with messages folded in, and which are observed: [Li2026grid], eq. (46).
 
-        The occupancy becomes that of the new evidence.
+        Messages are 0 then, and the occupancy becomes that of the new evidence.
         """
         self.occupancy(grid)
         known = self._taken(grid.evidence)  # until all of it is done
