@@ -43,7 +43,8 @@ class Doubt:
     Attributes
     ----------
     lead, loud : float
-        Log evidence above that of the best pose without any map, and loud measurements, with forgetting.
+        Log evidence above that of the best pose without any map, and loud measurements, with forgetting; of
+        steps at which that pose is elsewhere.
     doubtful : int
         Steps for which another search by one scan alone is worth while.
     elsewhere : float
@@ -101,7 +102,9 @@ class Doubt:
         alone = ONE_UNEXPLAINED if evidence < LOW_EVIDENCE * loud else ONE_ALONE
         after = replace(self, elsewhere=FADING * self.elsewhere + max(best - here - alone, 0.0))
         if due:
-            after = replace(after, lead=KEEP * self.lead + evidence - best, loud=KEEP * self.loud + loud)
+            rival = best > here  # one that stands where the agent is believed to be bears that out
+            lead = KEEP * self.lead + rival * (evidence - best)
+            after = replace(after, lead=lead, loud=KEEP * self.loud + rival * loud)
         if not after.against():
             return after
         return replace(after, doubtful=DOUBT_STEPS, raised=not self.against())

@@ -83,11 +83,13 @@ def test_the_best_snapshot_is_about_what_the_true_pose_scores(scene, scans):
         assert best - here < 1
 
 
-def test_a_right_world_leads_a_fresh_start_and_is_well(mapped):
+def test_a_right_world_leads_a_fresh_start_and_is_well(mapped, scans):
     slam, leads = mapped
-    known = [watch for watch in leads if watch.loud]
-    assert known
-    assert all(watch.lead > 1.5 * LOW_LEAD * watch.loud for watch in known)
+    split, believed = split_by_anchor(scans[19], slam.model), slam.state.belief.mean[POSE]
+    best, here = best_snapshot(snapshot_of(split, slam.state, slam.model), believed, np.random.default_rng(1))
+    assert slam.info.log_evidence > best + 1.5 * LOW_LEAD * loud_of(split, slam.model)
+    assert best == here
+    assert not any(watch.loud for watch in leads), "a fresh start where the agent is believed is no rival"
     assert slam.info.health.ok
     assert not slam.population.watch.doubtful
 
@@ -100,13 +102,11 @@ def test_a_right_world_without_amplitudes_is_well_and_a_wrong_one_is_not(scene):
     for scan in scans:
         slam.step(scan)
         leads.append(slam.population.watch)
-    known = [watch for watch in leads if watch.loud]
-    assert known
-    assert not any("fresh start" in reason for watch in known for reason in watch.reasons())
+    assert not any("fresh start" in reason for watch in leads for reason in watch.reasons())
     split = split_by_anchor(scans[20], slam.model)
     count = len(split.whole) - 2 * scene.radio.false_alarms
     assert loud_of(split, slam.model) == pytest.approx(WITHOUT_AMPLITUDE * count)
-    wrong = known[-1].compared(30.0, 29.0, 29.0, loud_of(split, slam.model))
+    wrong = leads[-1].compared(30.0, 29.0, 28.0, loud_of(split, slam.model))
     assert "fresh start" in replace(wrong, lead=1.0 * wrong.loud).reasons()[0]
 
 
@@ -118,15 +118,18 @@ def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapp
     assert now % EVERY == 0
     scan, model = scans[now - 1], slam.model
     loud = sum(int(own.loud.sum()) for own in split_by_anchor(scan, model))
-    good, bad = (
-        watched(population, lambda worth=worth: float(worth * loud), scan, model, slam.work).watch
-        for worth in (40.0, 18.5)
+    wrong = replace(population, states=(moved(slam.state, (2.0, 1.0), 1.0),))
+    good, right, bad = (
+        watched(each, lambda worth=worth: float(worth * loud), scan, model, slam.work).watch
+        for each, worth in ((wrong, 40.0), (population, 18.5), (wrong, 18.5))
     )
-    assert not good.reasons()
-    assert good.doubtful == 0
+    assert not any("a fresh start" in reason for reason in good.reasons())
+    assert not right.reasons(), "a fresh start at the believed place is no rival"
+    assert right.doubtful == 0
     assert "a fresh start" in bad.reasons()[0]
     assert bad.doubtful == DOUBT_STEPS
     later = replace(slam.state, step=now + 1)
+    bad = replace(bad, elsewhere=0.0)
     kept = watched(Population((later,), watch=bad), lambda: np.nan, scan, model, slam.work).watch
     assert kept.lead == bad.lead, "compared every few steps alone"
     assert kept.doubtful == DOUBT_STEPS - 1
@@ -230,7 +233,8 @@ def test_what_is_hardly_explained_counts_for_more_by_hand():
     assert again.elsewhere == FADING * badly.elsewhere + 30 - 12 - ONE_UNEXPLAINED
     assert not again.raised, "it was called wrong before"
     assert not badly.compared(1e3, 12.0, 12.0, 2.0, False).reasons(), "found again, it is well at once"
-    assert Doubt().compared(0.0, 0.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
+    assert Doubt().compared(0.0, 1.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
+    assert not Doubt().compared(0.0, 1.0, 1.0, 9.0).raised, "where it stands is the believed place"
 
 
 def test_places_are_hypotheses_that_count_and_stand_apart():
