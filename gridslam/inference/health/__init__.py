@@ -35,7 +35,8 @@ reason              said when                                   by              
 `several_places`    several hypotheses count                    `doubt.places`; direct SLAM      section 14,
                                                                 `image_starts`                   (M91)
 `fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.against`            (M206)
-`elsewhere`         a scan alone fits another place better      `doubt.Doubt.against`            (M253)
+`elsewhere`         scans alone fit another place better        `doubt.Doubt.against`            (M253),
+                                                                                 (M471)
 `UNPROVEN`          a start was taken from a list that lacks    `doubt.Doubt.tried`              (M392)
                     places, and nothing has borne it out
 `TURNABLE`          a vague start with one anchor and no AoD    `management.hypotheses`          section 14

@@ -1,4 +1,4 @@
-"""Whether all hypotheses are wrong, as evidence tells: docs/model.md, (M206) and (M253).
+"""Whether all hypotheses are wrong, as evidence tells: docs/model.md, (M206), (M253) and (M471).
 
 Innovations can't tell a world that is wrong but fits itself; evidence can, if there is something to set it
 against: the best pose by one scan alone, as if nothing had ever been heard.
@@ -22,6 +22,11 @@ ONE_ALONE, ELSEWHERE = 15.0, 5.0
 beyond those, with forgetting, from which on a place is called wrong."""
 LOW_EVIDENCE, ONE_UNEXPLAINED = 10.0, 8.0
 """Of each loud measurement, nats, below which a step is hardly explained; what stands for the 15 then."""
+ASKED_EVIDENCE = 20.0
+"""The same, below which a step is compared at once."""
+BY_CHANCE, SURPLUS = 2.0, 15.0
+"""Nats by which the best pose of many may explain a scan better by chance; and sum of what is beyond, from
+which on a place is called wrong."""
 KEEP, FADING = 0.5, 0.25
 """Forgetting of leads, and of what fits elsewhere, from one comparison to the next."""
 PROOF_LEAD, PROOF_LOUD = 10.0, 20.0
@@ -50,6 +55,9 @@ class Doubt:
     elsewhere : float
         By how much a scan and no map favour another pose than the believed one, nats beyond what one
         measurement can say, with forgetting.
+    surplus : float
+        By how much poses elsewhere, without a map, explained steps better than the likeliest hypothesis did
+        with its map, nats; (M471).
     unproven : bool
         Whether the start was taken from a list that lacks places, and nothing has borne it out since.
     borne, counted : float
@@ -69,6 +77,7 @@ class Doubt:
     counted: float = field(default=0.0, metadata=LATER)
     turnable: bool = field(default=False, metadata=LATER)
     raised: bool = field(default=False, metadata=LATER)
+    surplus: float = field(default=0.0, metadata=LATER)
 
     FORMER_NAMES: ClassVar = ("Watch",)
 
@@ -83,7 +92,8 @@ class Doubt:
 
     def is_urgent(self, evidence: float, loud: float) -> bool:
         """Whether a step asks for a comparison at once; with the numbers of `compared`."""
-        return loud > 0 and (self.elsewhere > ELSEWHERE or evidence < LOW_EVIDENCE * loud)
+        doubted = self.elsewhere > ELSEWHERE or self.surplus > 0
+        return loud > 0 and (doubted or evidence < ASKED_EVIDENCE * loud)
 
     def compared(self, evidence: float, best: float, here: float, loud: float, due: bool = True) -> Self:
         """Take in a comparison.
@@ -97,12 +107,21 @@ class Doubt:
         loud : float
             Loud measurements of the scan.
         due : bool
-            Whether it counts for the lead, too: urgent ones would count wrong steps alone.
+            Whether it counts for the lead, too, and for another place however well the step is explained:
+            urgent ones would count wrong steps alone.
         """
-        alone = ONE_UNEXPLAINED if evidence < LOW_EVIDENCE * loud else ONE_ALONE
-        after = replace(self, elsewhere=FADING * self.elsewhere + max(best - here - alone, 0.0))
+        hardly, elsewhere = evidence < LOW_EVIDENCE * loud, self.elsewhere
+        if due or hardly or elsewhere > ELSEWHERE:
+            alone = ONE_UNEXPLAINED if hardly else ONE_ALONE
+            elsewhere = FADING * elsewhere + max(best - here - alone, 0.0)
+        rival = best > here  # one that stands where the agent is believed to be bears that out
+        gain = best - evidence - BY_CHANCE
+        after = replace(
+            self,
+            elsewhere=elsewhere,
+            surplus=max(self.surplus + (gain if rival else min(gain, 0.0)), 0.0),
+        )
         if due:
-            rival = best > here  # one that stands where the agent is believed to be bears that out
             lead = KEEP * self.lead + rival * (evidence - best)
             after = replace(after, lead=lead, loud=KEEP * self.loud + rival * loud)
         if not after.against():
@@ -139,8 +158,8 @@ class Doubt:
         found = []
         if self.loud >= ENOUGH_LOUD and self.lead < LOW_LEAD * self.loud:
             found.append(reasons.fresh_start(self.lead / self.loud))
-        if self.elsewhere > ELSEWHERE:
-            found.append(reasons.elsewhere(self.elsewhere))
+        if self.elsewhere > ELSEWHERE or self.surplus > SURPLUS:
+            found.append(reasons.elsewhere(max(self.elsewhere, self.surplus)))
         return found
 
 

@@ -88,7 +88,7 @@ def fresh_start(lead: float) -> str:
 
 
 def elsewhere(nats: float) -> str:
-    """By how much a scan alone favours another pose than the believed one."""
+    """By how much scans alone favour other poses than the believed one."""
     return f"what is heard fits another place better, by {nats:.0f} nats"
 
 

@@ -8,15 +8,17 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.inference.health.doubt import (
+    ASKED_EVIDENCE,
+    BY_CHANCE,
     DOUBT_STEPS,
     ELSEWHERE,
     FADING,
-    LOW_EVIDENCE,
     LOW_LEAD,
     ONE_ALONE,
     ONE_UNEXPLAINED,
     PROOF_LEAD,
     PROOF_LOUD,
+    SURPLUS,
     Doubt,
     places,
 )
@@ -129,7 +131,7 @@ def test_a_world_that_a_fresh_start_explains_as_well_is_doubted_and_said_so(mapp
     assert "a fresh start" in bad.reasons()[0]
     assert bad.doubtful == DOUBT_STEPS
     later = replace(slam.state, step=now + 1)
-    bad = replace(bad, elsewhere=0.0)
+    bad = replace(bad, elsewhere=0.0, surplus=0.0)
     kept = watched(Population((later,), watch=bad), lambda: np.nan, scan, model, slam.work).watch
     assert kept.lead == bad.lead, "compared every few steps alone"
     assert kept.doubtful == DOUBT_STEPS - 1
@@ -215,14 +217,15 @@ def test_a_step_that_is_hardly_explained_is_compared_at_once(mapped, scans):
     right = replace(slam.state, step=EVERY * 2 + 3)
     wrong = moved(right, (2.0, 1.0), 1.0)
     for state, worth, said in ((wrong, 1.1, False), (wrong, 0.9, True), (right, 0.9, False)):
-        evidence = worth * LOW_EVIDENCE * loud
+        evidence = worth * ASKED_EVIDENCE * loud
         watch = watched(Population((state,)), lambda evidence=evidence: evidence, scan, model, work).watch
         assert bool(watch.reasons()) is watch.raised is said
         assert (watch.lead, watch.loud) == (0.0, 0.0), "of wrong steps alone it would say too little"
 
 
 def test_what_is_hardly_explained_counts_for_more_by_hand():
-    well, badly = (Doubt().compared(worth, 30.0, 12.0, 2.0, False) for worth in (20.0, 19.9))
+    well, badly = (Doubt().compared(worth, 30.0, 12.0, 2.0) for worth in (20.0, 19.9))
+    assert Doubt().compared(20.0, 30.0, 12.0, 2.0, False).elsewhere == 0.0, "every tenth step is asked"
     assert (well.elsewhere, badly.elsewhere) == (30 - 12 - ONE_ALONE, 30 - 12 - ONE_UNEXPLAINED)
     assert (well.raised, badly.raised) == (False, True)
     assert not Doubt().is_urgent(0.0, 0.0)
@@ -235,6 +238,25 @@ def test_what_is_hardly_explained_counts_for_more_by_hand():
     assert not badly.compared(1e3, 12.0, 12.0, 2.0, False).reasons(), "found again, it is well at once"
     assert Doubt().compared(0.0, 1.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
     assert not Doubt().compared(0.0, 1.0, 1.0, 9.0).raised, "where it stands is the believed place"
+
+
+def test_steps_that_fit_better_elsewhere_add_up_by_hand():
+    """Each says too little by itself; one that is explained at the believed place takes from the sum."""
+    evidence, better = 45.0, BY_CHANCE + 0.4 * SURPLUS
+    doubt = Doubt()
+    for count in (1, 2):
+        doubt = doubt.compared(evidence, evidence + better, evidence, 2.0, False)
+        assert doubt.surplus == pytest.approx(0.4 * SURPLUS * count)
+        assert not doubt.reasons()
+        assert doubt.is_urgent(1e3, 1.0), "until the sum is gone"
+    third = doubt.compared(evidence, evidence + better, evidence, 2.0, False)
+    assert third.raised
+    assert "fits another place better, by 18 nats" in third.reasons()[0]
+    here = doubt.compared(evidence, evidence + better, evidence + better, 2.0, False)
+    assert here.surplus == doubt.surplus, "a fresh start that stands at the believed place is no rival"
+    lower = third.compared(evidence, evidence - 1.0, evidence - 1.0, 2.0, False)
+    assert lower.surplus == pytest.approx(third.surplus - BY_CHANCE - 1.0)
+    assert third.compared(evidence, 10.0, 10.0, 2.0, False).surplus == 0.0
 
 
 def test_places_are_hypotheses_that_count_and_stand_apart():
