@@ -23,7 +23,7 @@ AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
 
 
 def find_duplicates(
-    mean: Array, covariance: Array, head: int, foot: Array, owner: Whole
+    mean: Array, covariance: Array, head: int, foot: Array, owner: Whole, apart: NDArray[np.uint8]
 ) -> tuple[int, int, Array, Array] | None:
     """Twin of `merging.duplicate`: older, younger, derivative (2, N) and residual; None for none."""
     line, lines = StateLayout.of_view(len(mean), head - AGENT).line, mean[head:].reshape(-1, 2)
@@ -34,7 +34,7 @@ def find_duplicates(
     tangents = np.stack([-normals[:, 1], normals[:, 0]], -1)
     places = lines[:, 1:] * normals + foot[:, None] * tangents
     gaps = flips * (places @ normals.T - lines[:, 1])
-    near = (np.abs(turns) <= 0.5) & (np.abs(gaps) <= 0.5) & (owner[:, None] == owner)
+    near = (np.abs(turns) <= 0.5) & (np.abs(gaps) <= 0.5) & (owner[:, None] == owner) & (apart.T == 0)
     for younger in range(len(lines) - 1, 0, -1):
         normal, tangent, place = normals[younger], tangents[younger], places[younger]
         for older in np.flatnonzero(near[younger, :younger]).tolist():

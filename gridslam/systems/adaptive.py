@@ -83,7 +83,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = form.park(recalled, merge_and_prune(state, model, None), model, work=work)
+    state = form.park(recalled, merge_and_prune(state, model, None, exchanges=exchanges), model, work=work)
     free = unclaimed(exchanges)
     state = remember_leftovers(state, scans, free, model, work=work)
     state = gather_unexplained(state, scans, free, model, work=work)  # (M432)

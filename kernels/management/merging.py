@@ -20,7 +20,7 @@ AROUND_M, THROUGH_M, CROSSING = 1.0, 0.15, 0.2
 """Silent surface through a corner: gap of virtual anchors, distance from it, sine of the corner's angle."""
 
 
-@copying("mean", "covariance", "foot", "owner")
+@copying("mean", "covariance", "foot", "owner", "apart")
 @ti.kernel
 def find_duplicates(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
@@ -28,6 +28,7 @@ def find_duplicates(
     head: ti.i32,  # entry where the lines begin: see `layout`
     foot: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] tangential coordinate of the latest hit
     owner: ti.types.ndarray(dtype=ti.i64, ndim=1),  # [S] the one anchor that a surface serves; -1 for all
+    apart: ti.types.ndarray(dtype=ti.u8, ndim=2),  # [S, S] whether two are known to be two
     found: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [2] out: older and younger, -1 for none
     tie: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, 5] out: derivatives by the lines of both; residual
 ):
@@ -39,7 +40,7 @@ def find_duplicates(
         for back in range(count - 1):
             y = count - 1 - back
             for o in range(y):
-                if found[0] < 0 and owner[y] == owner[o]:
+                if found[0] < 0 and owner[y] == owner[o] and apart[o, y] == 0:
                     young, old = line_entry(head, y), line_entry(head, o)
                     here, there = mean[young], mean[old]
                     turn, flip = wrapped(there - here), ti.f64(1.0)

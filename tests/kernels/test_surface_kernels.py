@@ -186,13 +186,14 @@ def test_duplicates_equal_their_twin(seed, surfaces, clocks):
     head = 5 + clocks
     lines = mean[head:].reshape(-1, 2)
     foot, owner = draw.uniform(-3, 3, surfaces), draw.choice([-1, 0], surfaces).astype(np.int64)
+    apart = (draw.random((surfaces, surfaces)) < 0.2).astype(np.uint8)
     for copy in range(1, surfaces, 2):  # nearly one line with the one before, maybe by its opposite normal
         lines[copy] = lines[copy - 1] + 0.1 * draw.normal(size=2)
         if draw.random() < 0.5:
             lines[copy] = wrap(lines[copy, 0] + np.pi), -lines[copy, 1]
     found, tie = np.full(2, -9, np.int32), np.full((2, 5), np.nan)
-    find_duplicates(mean, covariance, head, foot, owner, found, tie)
-    expected = reference.find_duplicates(mean, covariance, head, foot, owner)
+    find_duplicates(mean, covariance, head, foot, owner, apart, found, tie)
+    expected = reference.find_duplicates(mean, covariance, head, foot, owner, apart)
     if expected is None:
         assert found.tolist() == [-1, -1]
         return

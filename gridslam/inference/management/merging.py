@@ -3,11 +3,16 @@ that finds duplicates."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import replace
 from gridslam.inference.management.ghosts import drop_ghosts
+from gridslam.inference.messages.motion import OFTEN
+from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.belief import Belief, keep, update
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
@@ -16,6 +21,9 @@ from gridslam.world.filter_model import FilterModel
 MOST_SURFACES = 24
 CONFIRMED = ((60, 8), (25, 6), (5, 2))
 """Ages from which on a surface must have been seen so often."""
+
+LIKELIER_THAN_NOT = 0.5
+"""Probability from which on a path is held to have caused a measurement."""
 
 
 def prune(
@@ -42,20 +50,53 @@ def prune(
     return bank.take(good), keep(belief, good)
 
 
-def merge(bank: SurfaceBank, belief: Belief) -> tuple[SurfaceBank, Belief]:
+def known_apart(bank: SurfaceBank, exchanges: Sequence[Exchange]) -> NDArray[np.bool_]:
+    """Which pairs of surfaces are two, however well their lines agree, (S, S); docs/model.md, (M481).
+
+    A line sends one single bounce from an anchor, so two that each caused a measurement of one scan are two.
+    And of two that were seen often, one that walks has come from elsewhere: that it agrees now says little.
+
+    Parameters
+    ----------
+    exchanges : sequence of Exchange
+        Of the step's anchors.
+    """
+    often, walks = bank.seen >= OFTEN, bank.walk.max(1) > 0
+    apart = (often[:, None] & often) & (walks[:, None] | walks)
+    for exchange in exchanges:
+        path, share = exchange.rays.table, exchange.responsible
+        row, measurement = np.nonzero((share > LIKELIER_THAN_NOT) & (path[:, :1] == 1))
+        surface, anchor = path[row, 1], path[row, 3]
+        one, other = np.nonzero((anchor[:, None] == anchor) & (measurement[:, None] != measurement))
+        apart[surface[one], surface[other]] = True
+    return apart
+
+
+def merge(
+    bank: SurfaceBank, belief: Belief, apart: NDArray[np.bool_] | None = None
+) -> tuple[SurfaceBank, Belief]:
     """Merge duplicates into the older surface by the joint belief that both are one line.
 
     Two lines are one when they agree, within their joint covariance plus a centimetre, in angle and in
     offset at the place where the younger was hit.
+
+    Parameters
+    ----------
+    apart : (S, S) bool, optional
+        Pairs that are known to be two: `known_apart`.
     """
     runtime.start()
     from gridslam.kernels.management.merging import find_duplicates
 
     if belief.layout.surfaces != len(bank):
         raise ValueError("belief and bank don't hold the same surfaces")
+    two = np.zeros((len(bank), len(bank)), bool) if apart is None else apart
     for _ in range(len(bank) + 1):
         found, tie = np.empty(2, np.int32), np.empty((2, 5))
-        find_duplicates(belief.mean, belief.covariance, belief.layout.head, bank.foot, bank.owner, found, tie)
+        find_duplicates(
+            belief.mean, belief.covariance, belief.layout.head, bank.foot, bank.owner, two.view(np.uint8),
+            found, tie,
+        )  # fmt: skip
         older, younger = found.tolist()
         if older < 0:
             break
@@ -65,6 +106,10 @@ def merge(bank: SurfaceBank, belief: Belief) -> tuple[SurfaceBank, Belief]:
         belief = update(belief, jacobian, tie[None, :, 4], np.array([[1e-4, 1e-6]]), np.ones(1))
         rest = np.arange(len(bank)) != younger
         bank, belief = _united(bank, older, younger).take(rest), keep(belief, rest)
+        either = two[older] | two[younger]
+        two = two.copy()
+        two[older], two[:, older] = either, either
+        two = np.ascontiguousarray(two[rest][:, rest])
     return bank, belief
 
 
@@ -88,8 +133,9 @@ def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
 
 
 def merge_and_prune(
-    state: State, model: FilterModel, most: int | None = MOST_SURFACES, by_ratio: bool = False
-) -> State:
+    state: State, model: FilterModel, most: int | None = MOST_SURFACES, by_ratio: bool = False,
+    exchanges: Sequence[Exchange] = (),
+) -> State:  # fmt: skip
     """Merge duplicates, drop ghosts and the unlikely.
 
     Parameters
@@ -98,8 +144,10 @@ def merge_and_prune(
         How many surfaces are kept at most; None where others are parked.
     by_ratio : bool
         How ghosts are told: see `drop_ghosts`.
+    exchanges : sequence of Exchange
+        Of the step's anchors, if surfaces that they show to be two aren't to be merged.
     """
-    bank, belief = merge(state.surfaces, state.belief)
+    bank, belief = merge(state.surfaces, state.belief, known_apart(state.surfaces, exchanges))
     if model.max_bounces > 1:
         bank, belief = drop_ghosts(bank, belief, model.anchor_positions[: model.senders], by_ratio)
     before = bank

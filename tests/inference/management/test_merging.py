@@ -1,0 +1,59 @@
+"""Lines that agree are merged, unless what was measured, or that one walks, shows that they are two."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filter_states import model_of, state_of
+
+from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.rays import Rays
+from gridslam.kernels.primitives import tables
+
+WALL = [0.5 * np.pi, 3.0]
+
+
+def merged(paths, shares, seen=0, walk=0.0):
+    """Numbers left of two surfaces on one line, after exchanges of anchors 0 and 1 with their measurements.
+
+    `paths` are (anchor, bounces, last, first), `shares` what each has of two measurements of its anchor.
+    """
+    state = state_of(Belief(np.concatenate([np.zeros(5), WALL, WALL]), 1e-4 * np.eye(9)), 2, 0.9)
+    bank = replace(state.surfaces, seen=np.full(2, seen), walk=np.array([[0.0, walk], [0.0, 0.0]]))
+    exchanges = []
+    for anchor in range(2):
+        own = [row for row, path in enumerate(paths) if path[0] == anchor]
+        table = np.array([paths[row] for row in own]).reshape(-1, 4)
+        rays = Rays.of(*table.T, np.ones(len(own)), np.ones(len(own)))
+        message = np.zeros((5, len(own), 2))
+        message[tables.RESPONSIBLE] = np.array([shares[row] for row in own]).reshape(-1, 2)
+        nothing = np.zeros((tables.ODDS, len(own))), message, np.zeros((tables.MEASURED_ROWS, 2))
+        exchanges.append(Exchange(anchor, rays, *nothing, np.zeros((1, 9)), 64, np.zeros((0, 2))))
+    model = model_of(anchors=np.zeros((2, 3)))
+    after = merge_and_prune(replace(state, surfaces=bank), model, exchanges=exchanges)
+    return after.surfaces.identity.tolist()
+
+
+FIRST, SECOND = [0.9, 0.05], [0.05, 0.9]
+
+
+@pytest.mark.parametrize(
+    ("paths", "shares", "left"),
+    [
+        ([], [], [0]),
+        ([(0, 1, 0, 0), (0, 1, 1, 1)], [FIRST, SECOND], [0, 1]),
+        ([(0, 1, 0, 0), (0, 1, 1, 1)], [[0.45, 0.05], [0.45, 0.05]], [0]),
+        ([(0, 1, 0, 0), (1, 1, 1, 1)], [FIRST, SECOND], [0]),
+        ([(0, 1, 0, 0), (0, 2, 1, 0)], [FIRST, SECOND], [0]),
+    ],
+    ids=["nothing measured", "one each", "one shared", "of two anchors", "a double bounce"],
+)
+def test_two_single_bounces_of_one_scan_are_of_two_surfaces(paths, shares, left):
+    assert merged(paths, shares) == left
+
+
+@pytest.mark.parametrize(("seen", "walk", "left"), [(8, 0.2, [0, 1]), (7, 0.2, [0]), (8, -0.2, [0])])
+def test_a_line_that_walks_onto_another_that_was_seen_often_is_not_it(seen, walk, left):
+    assert merged([], [], seen, walk) == left
