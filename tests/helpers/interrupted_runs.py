@@ -77,9 +77,10 @@ def same_runs(one, other):
 
 def interrupted(tiny, monkeypatch, *options, agent="agent1", step=1):
     """A run of which the first agent, or another, is through with a few steps."""
+    often = () if "--checkpoint" in options else ("--checkpoint", "1")
     with monkeypatch.context() as patch:
         stop_at(patch, agent, step)
-        result = tiny(*RUN, "-o", "out", "--checkpoint", "1", *options)
+        result = tiny(*RUN, "-o", "out", *often, *options)
     assert result.code == 130, result.err
     return result
 
