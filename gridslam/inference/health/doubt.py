@@ -34,9 +34,9 @@ PROOF_LEAD, PROOF_LOUD = 10.0, 20.0
 as so many of them have are needed anyway."""
 DOUBT_STEPS, SPREAD_M = 50, 0.3
 """For how long a doubt keeps the search for challengers going; spread of the position that is one."""
-PLACE_COUNTS, PLACE_COUNTS_AT_FIRST, AT_FIRST = 0.01, 1e-4, 30
-"""Weight from which on a place is one that remains; the same for so many steps after a branching, whose
-evidence is that of vague beliefs."""
+PLACE_COUNTS = 1e-4
+"""Weight from which on a place is one that remains: evidence is that of beliefs that were vague, and of maps
+that are a little off."""
 LATER = {"later": True}
 """Of fields that files of earlier versions may lack."""
 
@@ -163,22 +163,17 @@ class Doubt:
         return found
 
 
-def places(
-    log_weight: Sequence[float], since: int, together: Callable[[Sequence[int]], NDArray[np.bool_]]
-) -> int:
+def places(log_weight: Sequence[float], together: Callable[[Sequence[int]], NDArray[np.bool_]]) -> int:
     """How many places the agent may be at: hypotheses that count, merged by pose alone.
 
     Parameters
     ----------
     log_weight : (K,)
         Of the hypotheses.
-    since : int
-        Steps since they branched.
     together : callable
         Which of some hypotheses (N,) are at one place, (N, N).
     """
-    least = PLACE_COUNTS_AT_FIRST if since <= AT_FIRST else PLACE_COUNTS
-    rows = [k for k, log in enumerate(log_weight) if log > np.log(least)]
+    rows = [k for k, log in enumerate(log_weight) if log > np.log(PLACE_COUNTS)]
     if len(rows) < 2:
         return 1
     near = together(rows)

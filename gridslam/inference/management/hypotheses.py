@@ -257,9 +257,7 @@ def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
 def _judged(population: Population[State], info: StepInfo, model: FilterModel) -> StepInfo:
     """What happened at a step, with what there is to say of all hypotheses."""
     found = [info.health.why] if info.health.why else []
-    several = places(
-        population.log_weight, population.since, lambda rows: together([population.states[k] for k in rows])
-    )
+    several = places(population.log_weight, lambda rows: together([population.states[k] for k in rows]))
     if several > 1:
         found.append(reasons.several_places(several))
     found += population.watch.reasons()
