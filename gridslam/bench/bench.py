@@ -15,12 +15,10 @@ from gridslam.bench.course import PeakMemory, first_scans, run
 from gridslam.bench.features import feature_speeds
 from gridslam.bench.growth import Growth, fitted, growth, with_hypotheses
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
-from gridslam.bench.line_evidence import line_evidence_speed
 from gridslam.bench.plan import Plan
-from gridslam.bench.poses import pose_speed
+from gridslam.bench.single_kernels import line_evidence_speed, pose_speed, state_path_speed
 from gridslam.bench.stages import KERNEL, Stopwatch
 from gridslam.bench.start import Machine, StartUp, machine, start_up
-from gridslam.bench.state_paths import state_path_speed
 from gridslam.bench.superposition import superposition_speeds
 from gridslam.estimates import Estimate
 from gridslam.inference.workspace.workspace import OTHER

@@ -1,16 +1,105 @@
-"""Measurement evaluation: measurements under every path of one anchor, or of all; docs/model.md, (M23)."""
+"""Measurement evaluation: measurements under every path of one anchor, or of all; docs/model.md, (M23).
+
+Which measurements may have come from which paths is found first, then each such pair is evaluated.
+"""
 
 import taichi as ti
 
+from gridslam.kernels import FAINTEST, UNMEASURED
 from gridslam.kernels.messages.association import enter
-from gridslam.kernels.messages.gating import gate
 from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, Gating, Pairs, PathRows, Ratios
 from gridslam.kernels.primitives.device import SPREAD, TASKS
+from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.layout import HEIGHT
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import BLOCK, draw_block
-from gridslam.kernels.propagation.amplitudes import weigh
+from gridslam.kernels.primitives.radio import SENDER, SPAN, deviations_of, lean_of
+from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, QUIET
+from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, weigh, worth_of
 from gridslam.kernels.propagation.paths import densities
+
+ROOT_TURN = 2.5066282746310002
+GATE = 6.0
+"""Deviations within reach."""
+MARGIN_M, MARGIN_RAD = 0.3, 0.3
+"""Widening of the gate for what the linearised spread doesn't tell."""
+LEAST_STD = 1e-6
+
+
+@ti.func
+def gate(
+    rows: ti.template(), scan: ti.template(), places: ti.template(), radio: ti.template(), bandwidth,
+    scratch: ti.template(), pairs: ti.template(), ratios: ti.template(),
+):  # fmt: skip
+    """Pick the pairs whose distance and angles lie within reach of what is predicted, path by path.
+
+    What one anchor is known to have sent belongs to none of the others' paths. `scratch.strength` is as
+    `amplitudes.weigh` leaves it; arguments: see `evaluate`.
+    """
+    known = 0
+    for m in range(scan.shape[0]):
+        ratios.measured[QUIET, m] = scan[m, 8]
+    pairs.start[0] = 0
+    for row in range(rows.predicted.shape[0]):
+        anchor = rows.path[row, ANCHOR]
+        for m in range(scan.shape[0]):
+            ratio = scratch.strength[0, row, m]
+            own = scan[m, LABEL] < 0 or scan[m, LABEL] == radio[anchor, SENDER]
+            if own and ratio > 0 and worth_of(ratios.odds, row) > NEGLIGIBLE:
+                amplitude = ti.max(scratch.strength[1, row, m], FAINTEST)
+                lean = lean_of(rows.predicted[row, LENGTH], places[anchor, HEIGHT])
+                std = deviations_of(
+                    radio, anchor, amplitude, rows.predicted[row, 1], rows.predicted[row, 2], lean
+                )
+                near, absent = True, ti.f64(1.0)
+                variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
+                for q in ti.static(range(3)):
+                    given, gap = scan[m, 3 + q], ti.f64(0.0)
+                    if given > 0:
+                        std[q] = given
+                    if given >= 0:
+                        gap = scan[m, q] - rows.predicted[row, q]
+                        if ti.static(q > 0):
+                            gap = wrapped(gap)
+                    variance[q] = ti.max(std[q], LEAST_STD) ** 2
+                    if given < 0 or variance[q] >= UNMEASURED:
+                        # a factor left out on both sides: its clutter density cancels
+                        flat = radio[anchor, SPAN] if ti.static(q == 0) else ROOT_TURN * ROOT_TURN
+                        absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
+                        variance[q] = UNMEASURED
+                        std[q] = 0.0
+                    reach = GATE * ti.sqrt(rows.predicted[row, 3 + 4 * q] + std[q] * std[q])
+                    reach += MARGIN_M if ti.static(q == 0) else MARGIN_RAD
+                    if not (ti.abs(gap) < reach):
+                        near = False
+                if near:
+                    total = ti.Matrix.zero(ti.f64, 3, 3)
+                    for i in ti.static(range(3)):
+                        for j in ti.static(range(3)):
+                            total[i, j] = bandwidth * rows.predicted[row, 3 + 3 * i + j]
+                        total[i, i] += variance[i]
+                    a, b, c = total[0, 0], total[1, 1], total[2, 2]
+                    d, e, f = total[0, 1], total[0, 2], total[1, 2]
+                    i00, i11, i22 = b * c - f * f, a * c - e * e, a * b - d * d
+                    i01, i02, i12 = e * f - c * d, d * f - b * e, d * e - a * f
+                    determinant = a * i00 + d * i01 + e * i02
+                    reach = ti.min(GATE * ti.sqrt(a), 1e5)
+                    pairs.index[known, 0], pairs.index[known, 1] = row, m
+                    for q in ti.static(range(3)):
+                        pairs.pair[known, q], pairs.pair[known, 3 + q] = scan[m, q], variance[q]
+                        scratch.table[known, q] = ti.cast(scan[m, q], ti.f32)
+                    pairs.pair[known, 6], pairs.pair[known, 7] = ratio * absent, determinant
+                    scratch.table[known, 3] = ti.cast(i00 / determinant, ti.f32)
+                    scratch.table[known, 4] = ti.cast(i11 / determinant, ti.f32)
+                    scratch.table[known, 5] = ti.cast(i22 / determinant, ti.f32)
+                    scratch.table[known, 6] = ti.cast(i01 / determinant, ti.f32)
+                    scratch.table[known, 7] = ti.cast(i02 / determinant, ti.f32)
+                    scratch.table[known, 8] = ti.cast(i12 / determinant, ti.f32)
+                    scratch.table[known, 9] = ti.cast(ti.max(scan[m, 0] - reach, -1e5), ti.f32)
+                    scratch.table[known, 10] = ti.cast(scan[m, 0] + reach, ti.f32)
+                    known += 1
+        pairs.start[row + 1] = known
 
 
 @quick

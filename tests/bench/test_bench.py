@@ -14,11 +14,9 @@ from gridslam import runtime
 from gridslam.bench import bench
 from gridslam.bench import features as bench_features
 from gridslam.bench import growth as bench_growth
-from gridslam.bench import line_evidence as bench_line_evidence
-from gridslam.bench import poses as bench_poses
+from gridslam.bench import single_kernels as bench_single_kernels
 from gridslam.bench import stages as bench_stages
 from gridslam.bench import start as bench_start
-from gridslam.bench import state_paths as bench_state_paths
 from gridslam.bench import superposition as bench_superposition
 from gridslam.bench.contests import CONTESTS, PARTS
 from gridslam.bench.plan import QUICK, Plan
@@ -85,8 +83,7 @@ def test_ratios_and_rates_are_those_of_the_times(quick):
 
 @pytest.mark.slow
 def test_every_kernel_there_is_has_a_twin_to_compete_with(quick):
-    all_of_them = set(CONTESTS) | set(bench_features.NAMES) | set(bench_poses.NAMES)
-    all_of_them |= set(bench_state_paths.NAMES) | set(bench_line_evidence.NAMES)
+    all_of_them = set(CONTESTS) | set(bench_features.NAMES) | set(bench_single_kernels.NAMES)
     all_of_them |= set(bench_superposition.NAMES)
     assert all_of_them == set(bench_stages.kernels())
     assert {kernel.name for kernel in quick[0].kernels} == all_of_them

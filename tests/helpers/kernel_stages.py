@@ -9,7 +9,7 @@ def stages():
     import taichi as ti
 
     from gridslam.kernels.messages.association import enter
-    from gridslam.kernels.messages.gating import gate
+    from gridslam.kernels.messages.evaluation import gate
     from gridslam.kernels.primitives.blocks import Amplitudes, Gating, Pairs, PathRows, Ratios
     from gridslam.kernels.primitives.launching import quick
     from gridslam.kernels.primitives.packing import pack

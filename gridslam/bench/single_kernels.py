@@ -1,0 +1,102 @@
+"""Kernels that no plain step of grid SLAM launches, one by one on made-up arguments, against their twins.
+
+Poses of a vague start are scored by one scan; direct grid SLAM gathers evidence for lines, and traces paths
+as functions of the state.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam import reference
+from gridslam.bench.kernels import KernelSpeed, race
+from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, Snapshot, clues_of
+from gridslam.inference.messages.samples.state_mode import paths_at
+from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.state.layout import AGENT
+from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
+from gridslam.reference.pose_score import score_poses
+from gridslam.simulation.simulate import simulate
+from gridslam.world.scene import Scene
+
+NAMES = "score_poses", "weigh_lines", "trace_paths"
+TWIN_SHARE = 20
+"""A twin is given one in so many poses; its time is that for all of the kernel's in proportion."""
+RADIUS_M, SPACING_M = 6.0, 0.125
+BEAMS, LENGTHS = 18, 98
+SURFACES = 6
+"""With a line of sight, single bounces and double bounces: 37 paths."""
+
+
+def pose_speed(poses: int, seconds: float, scene: str = "alcove") -> KernelSpeed:
+    """Time of the kernel for poses anywhere in a scene's region, by the first scan.
+
+    Parameters
+    ----------
+    seconds : float
+        At least so long; the kernel runs three times or more, its twin once.
+    """
+    world, draw = Scene.load(scene), np.random.default_rng(1)
+    model = world.filter_model()
+    scans = split_by_anchor(next(iter(simulate(world, world.agents[0].name, seed=1))), model)
+    snapshot = Snapshot.of(scans, [model.radio] * len(scans), model)
+    low, high = zip(model.grid.x_m, model.grid.y_m, (-np.pi, np.pi), strict=True)
+    asked = draw.uniform(low, high, (poses, 3))
+    few, step, clues = asked[:: min(TWIN_SHARE, poses)], snapshot.terms[0].table.step, clues_of(snapshot, 1.0)
+    return race(
+        "score_poses", scene, "pose", poses, seconds, poses / len(few),
+        lambda: snapshot.score(asked, 1.0),
+        lambda: snapshot.score(asked[:1], 1.0),
+        lambda: score_poses(IN_SIGHT, NEAREST_M, step, few, clues),
+    )  # fmt: skip
+
+
+def line_evidence_speed(seconds: float) -> KernelSpeed:
+    """Time of the kernel for all lines over a room and one snapshot.
+
+    Parameters
+    ----------
+    seconds : float
+        At least so long; the kernel runs three times or more, its twin once.
+    """
+    from gridslam.kernels.messages.line_evidence import weigh_lines
+
+    draw, by_line = np.random.default_rng(1), LineEvidence.none(1, RADIUS_M, SPACING_M)
+    arguments = (
+        draw.exponential(size=(BEAMS, BEAMS, LENGTHS)).astype(np.float32), 1.0, 24.0,
+        np.array([2.0, 1.0, 0.3, 0.0]),
+        np.array([-1.0, 0.5, 0.4, 0.0, 0.0]), by_line.offsets(RADIUS_M), 30.0 * REFLECTIONS,
+        np.array([0.9, 0.02]), 0,
+    )  # fmt: skip
+    ratio = by_line.ratio[0].copy()
+    lines = ratio.shape[0] * ratio.shape[1]
+    return race(
+        "weigh_lines", f"room of {2 * RADIUS_M:.0f} m", "line", lines, seconds, 1.0,
+        lambda: weigh_lines(*arguments, ratio),
+        lambda: weigh_lines(*arguments, ratio[:, :0]),
+        lambda: reference.weigh_lines(*arguments, by_line.ratio[0]),
+    )  # fmt: skip
+
+
+def state_path_speed(seconds: float) -> KernelSpeed:
+    """Time of the kernel for all paths of one anchor over some surfaces.
+
+    Parameters
+    ----------
+    seconds : float
+        At least so long; the kernel runs three times or more, its twin once.
+    """
+    draw, surfaces = np.random.default_rng(1), range(SURFACES)
+    table = [[0, -1, -1, 0]] + [[1, s, s, 0] for s in surfaces]
+    table += [[2, s, r, 0] for s in surfaces for r in surfaces if s != r]
+    path = np.array(table, np.int32)
+    lines = np.column_stack([draw.uniform(-3, 3, SURFACES), draw.uniform(1, 6, SURFACES)])
+    mean = np.concatenate([draw.normal(size=AGENT), lines.ravel()])
+    root = np.tril(draw.normal(size=(len(mean), len(mean))))
+    spot = np.array([2.0, 1.0, 0.3, 0.0, 0.0])
+    return race(
+        "trace_paths", f"{SURFACES} surfaces", "path", len(path), seconds, 1.0,
+        lambda: paths_at(mean, spot, path, AGENT, root),
+        lambda: paths_at(mean, spot, path[:0], AGENT, root),
+        lambda: reference.trace_paths(AGENT, mean, root, spot, path),
+    )  # fmt: skip
