@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks import elevations, time_units
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
-from gridslam.checks.rivals import FITTING, STRAIGHT_RAD, fitting_cure, offset_beside, whole_cure
+from gridslam.checks.rivals import FITTING, STRAIGHT_RAD, fitting_cure, offset_beside, upheld, whole_cure
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, absurd, finite, padding, readings
 from gridslam.checks.verdict import verdict
 from gridslam.errors import InputError, located
@@ -241,9 +241,10 @@ def _against_scene(table: Columns, scene: Scene, agent: str | None, known: set[s
                 found = [cure.suspicion] if cure.suspicion is not None else []
             elif sight.explained < FITTING:
                 found = []  # a reading that leaves much unexplained would make things worse
-        if sight.explained >= EXPLAINED and not any(
-            item.column in ("distance_m", "anchor") for item in found
-        ):
+        doubtful = bool(found) or plain.explained < EXPLAINED
+        if doubtful and (followed := upheld(asis, trusted, found, scene, agent)) is not None:
+            found, sight, trusted = [], followed, asis
+        if sight.explained >= EXPLAINED and not {"distance_m", "anchor"} & {item.column for item in found}:
             cure = fitting_cure(trusted, scene, agent, sight)
             if cure is not None:
                 found += [cure.suspicion] if cure.suspicion is not None else []

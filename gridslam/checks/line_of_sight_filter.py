@@ -25,11 +25,13 @@ DETECTED = 0.9
 """Share of the scans in which a line of sight is expected."""
 DETECTED_BEHIND = 0.3
 """The same where the scene's walls hide the anchor from the middle of the particles, bluntly."""
+LASTING = 0.9
+"""Correlation of a particle's velocity from step to step, where it keeps any."""
 ANGLE_STD = np.radians(5.0)
 LEAST_DISTANCE_STD_M = 0.1
 CROWD = 4
 """Times as many particles where the size of an error is looked for, too."""
-LEAST_SEEN = 0.3
+LEAST_SEEN, LEAST_SEEN_THOROUGH = 0.3, 0.15
 """Share of the scans that walls must leave in sight for the others not to be judged."""
 QUANTITIES = ("distance_m", "aod_rad", "aoa_rad")
 
@@ -74,6 +76,7 @@ def explain(
     agent: str | None,
     world_arrival: bool = False,
     error: RangeError | None = None,
+    thorough: bool = False,
 ) -> Sight:
     """Follow the agent by line of sight alone over the first steps.
 
@@ -90,6 +93,9 @@ def explain(
         Take ``aoa_rad`` as a direction in the world, not relative to the heading.
     error : RangeError, optional
         Suppose that the distances have it, and estimate its size.
+    thorough : bool
+        Judge from each particle which anchors the walls hide, and let it keep its velocity while they do: it
+        follows an agent through doors, and finds readings of wrong tables that fit, too.
     """
     draw = np.random.default_rng(0)
     position, heading, pace = _start(scene, agent, draw, 1 if error is None else CROWD)
@@ -101,19 +107,22 @@ def explain(
     used = np.flatnonzero(step < first + STEPS)
     weight = np.full(len(position), 1 / len(position))
     quantities = {name: _quantity(columns, name, scene) for name in QUANTITIES if name in columns}
+    going, lasting = np.zeros_like(position), LASTING if thorough else 0.0
     evidence, rows, ranges, chances, track = 0.0, [], [], [], []
     bounds = np.flatnonzero(np.diff(step[used])) + 1
     before = first
     for group in np.split(used, bounds) if len(used) else []:
         gap = np.sqrt(max(int(step[group[0]]) - before, 1))
         before = int(step[group[0]])
-        position = position + gap * pace[:, None] * draw.standard_normal(position.shape)
+        going = lasting * going + np.sqrt(1 - lasting**2) * draw.standard_normal(position.shape)
+        position = position + gap * pace[:, None] * going
         heading = heading + gap * turn * draw.standard_normal(len(heading))
         score = np.zeros(len(position))
         scans, there = [], np.unique(anchor[group])
-        middle = np.broadcast_to(position.mean(0), (len(there), 2))
-        clear = visible(scene.anchor_positions[there], middle, walls)
-        for number, expectation in zip(there, np.where(clear, DETECTED, DETECTED_BEHIND), strict=True):
+        viewpoints = position if thorough else position.mean(0, keepdims=True)
+        for number in there:
+            stand = np.broadcast_to(scene.anchor_positions[number], viewpoints.shape)
+            expectation = np.where(visible(stand, viewpoints, walls), DETECTED, DETECTED_BEHIND)
             own = group[anchor[group] == number]
             away = position - scene.anchor_positions[number]
             direction = np.arctan2(away[:, 1], away[:, 0])
@@ -127,7 +136,7 @@ def explain(
             ratio = _ratio(quantities, own, expected)
             total = (1 - expectation) + expectation * ratio.sum(1) / len(own)
             score += np.log(total)
-            scans.append((own, distance, expectation * ratio / len(own) / total[:, None]))
+            scans.append((own, distance, (expectation / total / len(own))[:, None] * ratio))
         peak = score.max()
         weight = weight * np.exp(score - peak)
         evidence += peak + np.log(weight.sum())
@@ -140,12 +149,13 @@ def explain(
         track.append(weight @ position)
         places = (draw.random() + np.arange(len(weight))) / len(weight)  # systematic resampling
         chosen = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
-        position, heading, pace = position[chosen], heading[chosen], pace[chosen]
+        position, heading, pace, going = position[chosen], heading[chosen], pace[chosen], going[chosen]
         weight = np.full(len(chosen), 1 / len(chosen))
         if error is not None and size is not None:
             size = error.redrawn(size[chosen], draw)
     row, chance, places = np.array(rows, dtype=np.intp), np.array(chances), np.reshape(track, (-1, 2))
-    judged = _in_sight(scene, anchor[row], places[np.unique(step[row], return_inverse=True)[1]])
+    least = LEAST_SEEN_THOROUGH if thorough else LEAST_SEEN
+    judged = _in_sight(scene, anchor[row], places[np.unique(step[row], return_inverse=True)[1]], least)
     shares = [
         chance[judged & (anchor[row] == number)].mean()
         if (judged & (anchor[row] == number)).any()
@@ -165,10 +175,10 @@ def explain(
     )
 
 
-def _in_sight(scene: Scene, anchor: NDArray[np.intp], position: Array) -> NDArray[np.bool_]:
-    """Scans (R,) in which the scene's walls leave the anchor in sight; all if those are too few to judge."""
+def _in_sight(scene: Scene, anchor: NDArray[np.intp], position: Array, least: float) -> NDArray[np.bool_]:
+    """Scans (R,) in which the scene's walls leave the anchor in sight; all if less than that share is."""
     clear = visible(scene.anchor_positions[anchor], position, scene.segments())
-    return clear if clear.sum() >= max(LEAST_SEEN * len(clear), 1) else np.ones(len(anchor), dtype=bool)
+    return clear if clear.sum() >= max(least * len(clear), 1) else np.ones(len(anchor), dtype=bool)
 
 
 def _start(

@@ -36,6 +36,8 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
     seen = explain(table, scene, agent)
+    if seen.explained < FITTING:
+        seen = explain(table, scene, agent, thorough=True)
     line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
     if seen.explained >= FITTING:
         line += ": units and frames fit the scene"

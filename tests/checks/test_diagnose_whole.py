@@ -301,3 +301,14 @@ def test_readings_that_fit_alike_are_named_side_by_side():
     loud = suspicions(columns | {"amplitude": 30 * columns["amplitude"]}, ("A", "B"), scene)
     assert [item.column for item in loud] == ["amplitude"]
     assert "radio.snr_at_1m_db of 30 dB is too low: 60 fits" in str(loud[0])
+
+
+@pytest.mark.slow
+def test_right_tables_are_right_where_the_agent_goes_out_of_sight_of_all_anchors(tmp_path):
+    """Behind the door one anchor is heard by reflections alone: the agent must be followed there."""
+    data = two_rooms()[0].model_dump(exclude_none=True)
+    way = {"start_m": (2.5, 3.35), "waypoints_m": ((6.0, 3.35), (7.0, 5.5))}
+    agents = [{**data["agents"][0], **way}]
+    alone = gs.Scene.checked({**data, "anchors": data["anchors"][:1], "agents": agents}, "flat")
+    gs.simulate(alone, "me", 5).to_csv(tmp_path / "a.csv")
+    assert describe(tmp_path / "a.csv", alone)[-1].startswith("line of sight to the anchors in")
