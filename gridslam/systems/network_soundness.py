@@ -111,5 +111,6 @@ def _sound_walks(walks: ClockWalk, state: NetworkState) -> bool:
         walks.log.shape == walks.variance.shape == shape
         and walks.mean.shape == (*shape, clocks)
         and walks.free.shape == (clocks,)
+        and bool(np.isfinite(walks.log).all())
         and bool((walks.log <= 0).all() and (walks.log.max(1) == 0).all() and (walks.variance >= 0).all())
     )

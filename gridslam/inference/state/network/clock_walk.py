@@ -10,10 +10,29 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 
-SHARES: Array = np.geomspace(1e-4, 1.0, 9)
-"""Of the variance that the scene tells: a walk of a hundredth of its own, up to its own."""
+SHARES: Array = np.append(0.0, np.geomspace(1e-4, 1.0, 9))
+"""Of the variance that the scene tells: none, and walks of a hundredth of its own up to its own."""
+STILL = 0.03
+"""Probability beforehand that clocks stand still; else any walk up to the one told is as likely."""
+PRIOR: Array = np.append(STILL, (1 - STILL) * np.sqrt(SHARES[1:]) / np.sqrt(SHARES[1:]).sum())
+"""Of the shares: each stands for as much of the walks as it is apart from the next."""
 WAYS = 3
 """Anchors' clocks among themselves, agents' among themselves, and those against these."""
+ALIKE: Array = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, 0, 1], [0, 1, 1], [1, 1, 1]], np.float64
+)
+"""Groups of ways in which clocks may walk by the same."""
+GROUPINGS: Array = np.array(
+    [
+        [1, 1, 1, 0, 0, 0, 0],
+        [0, 0, 1, 1, 0, 0, 0],
+        [0, 1, 0, 0, 1, 0, 0],
+        [1, 0, 0, 0, 0, 1, 0],
+        [0, 0, 0, 0, 0, 0, 1],
+    ],
+    np.float64,
+)
+"""Of which groups all three ways can consist; each is as likely beforehand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +59,27 @@ class ClockWalk:
     time_s: float
 
     @property
+    def weight(self) -> Array:
+        """Probability of each walk, (3, G).
+
+        Ways in which clocks walk by the same are judged together; whether they do is judged, too.
+        """
+        log = ALIKE @ self.log
+        best = log.max(1, keepdims=True)
+        each = np.exp(log - best) * PRIOR
+        whole = each.sum(1, keepdims=True)
+        grouping = GROUPINGS @ (best + np.log(whole))[:, 0]
+        chance = np.exp(grouping - grouping.max())
+        of_groups = chance @ GROUPINGS / chance.sum()
+        return np.asarray((ALIKE * of_groups[:, None]).T @ (each / whole))
+
+    @property
     def share(self) -> Array:
         """Share of the variance that the scene tells by which clocks walk in each way, the mean, (3,).
 
-        Walks up to the one that is told are all as likely beforehand. Of a way in which nothing was weighed
-        yet, as of agents that are heard in turns, it is all of it.
+        Of a way in which nothing was weighed yet, as of agents that are heard in turns, it is all of it.
         """
-        weight = np.exp(self.log) * np.sqrt(SHARES)
-        return np.where(self.log.any(1), weight @ SHARES / weight.sum(1), 1.0)
+        return np.where(self.log.any(1), self.weight @ SHARES, 1.0)
 
 
 def ways_of(anchors: int, free: NDArray[np.bool_], common: bool) -> Array:
