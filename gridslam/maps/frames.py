@@ -97,6 +97,25 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     return sheet, "; ".join(notes) or None
 
 
+def refuse_lost(maps: Sequence[Map], names: Sequence[str]) -> None:
+    """Refuse maps whose maker was lost when it ended.
+
+    Parameters
+    ----------
+    maps : sequence of Map
+    names : sequence of str
+        What errors call them.
+
+    Raises
+    ------
+    InputError
+        The first of them.
+    """
+    for grid, name in zip(maps, names, strict=True):
+        if grid.lost:
+            raise InputError(name, f"a map of {grid.lost}, lost in the end", "one of agents that weren't")
+
+
 def require_one_frame(maps: Sequence[Map], names: Sequence[str], same_frame: bool = False) -> None:
     """Refuse maps that can't be of one frame, or of which that can't be told.
 

@@ -12,7 +12,7 @@ from scipy.special import softmax
 from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.maps.feature_fusion import merge_features
-from gridslam.maps.frames import require_one_frame
+from gridslam.maps.frames import refuse_lost, require_one_frame
 from gridslam.maps.line_fusion import JointLines
 from gridslam.maps.map import Map
 from gridslam.maps.map_cells import blocks_of, joint_of
@@ -51,14 +51,15 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
     Raises
     ------
     InputError
-        No map, maps whose frames differ or can't be compared, another mean free path, grids that are not on
-        one lattice, or two maps that hold the evidence of the same run, be it that one was handed over to
-        the agent of the other: it would count twice.
+        No map, one of a lost agent, maps whose frames differ or can't be compared, another mean free path,
+        grids that are not on one lattice, or two maps that hold the evidence of the same run, be it that one
+        was handed over to the agent of the other: it would count twice.
     """
     given = list(maps)
     if not given:
         raise InputError("fuse", "no map", "one or more maps")
     called = [f"map {number + 1}" for number in range(len(given))] if names is None else names
+    refuse_lost(given, called)
     require_one_frame(given, called, same_frame)
     refuse_shared_runs(given, called)
     ordered = sorted(given, key=_canonical_order)

@@ -8,7 +8,7 @@ from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.inference.management.features.surface_features import image_features
 from gridslam.inference.messages.features.radio_errors import Known, RadioErrors, radio_errors
-from gridslam.maps.frames import SAME_PLACE_M, fitted
+from gridslam.maps.frames import SAME_PLACE_M, fitted, refuse_lost
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.world.scene import Scene
@@ -43,7 +43,7 @@ def calibrate(
     ------
     InputError
         No true track, fewer than 10 steps, other anchors or ones of several antennas, or a map of another
-        frame.
+        frame or of a lost agent.
     """
     track, wave, steps = recording.truth, recording.waveform, len(recording.samples)
     if track is None:
@@ -58,6 +58,7 @@ def calibrate(
     model = SignalModel.of(scene.filter_model(agent), wave)
     table = None
     if prior_map is not None:
+        refuse_lost([prior_map], ["calibrate: map"])
         prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         table = prior.features
         if table is None or not len(table):

@@ -101,8 +101,13 @@ class HybridFilter(SignalFilter[HybridState]):
         return prior
 
     def map(self) -> Map:
-        """Features, what mirrors among them say of surfaces and cells, and those of the map before."""
+        """Features, what mirrors among them say of surfaces and cells, and those of the map before.
+
+        A lost agent adds nothing to the map that it began with.
+        """
         belief, earlier = self.state.joint, self.inherited
+        if earlier is not None and self.lost:
+            return earlier
         table, joint = feature_estimate(belief, self.model.anchor_positions)
         mirrors = mirrors_of(table, belief, self.model)
         sheet = Map.of_scene(self.scene) if earlier is None else earlier

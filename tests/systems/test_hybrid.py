@@ -12,6 +12,8 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE
 from gridslam.inference.health.signal_watch import EARLY
 from gridslam.maps.frames import fitted
+from gridslam.maps.fusion import fuse
+from gridslam.runs.calibrate import calibrate
 from gridslam.systems import values
 from gridslam.systems.hybrid import HybridSlam, SightSlam
 from gridslam.systems.published.hybrid_known import KnownHybridSlam
@@ -220,7 +222,7 @@ def test_a_map_that_explains_the_first_steps_worse_than_none_is_not_believed(run
             assert left.all()
 
 
-def test_nobody_goes_on_from_the_map_of_an_agent_that_was_lost(screen, tmp_path):
+def test_nobody_goes_on_from_the_map_of_an_agent_that_was_lost(screen, recording, tmp_path):
     maker = KnownHybridSlam(screen)
     assert len(HybridSlam(screen, prior_map=maker.map()).state.joint.features) == 3
     maker.now = maker.now._replace(believed=replace(maker.state, early=EARLY + 0.01))
@@ -234,6 +236,21 @@ def test_nobody_goes_on_from_the_map_of_an_agent_that_was_lost(screen, tmp_path)
     following = HybridSlam(screen, prior_map=sheet)
     assert len(following.state.joint.features) == 0
     assert not following.map().lost
+    with pytest.raises(InputError, match="map 2: found a map of agent1, lost in the end"):
+        fuse([KnownHybridSlam(screen, seed=1).map(), sheet])
+    with pytest.raises(InputError, match="calibrate: map: found a map of agent1, lost"):
+        calibrate(screen, recording, sheet)
+
+
+def test_a_lost_agent_leaves_the_map_that_it_began_with_as_it_was(screen):
+    first = KnownHybridSlam(screen).map()
+    second = HybridSlam(screen, prior_map=first)
+    second.now = second.now._replace(believed=replace(second.state, early=EARLY + 0.01))
+    sheet = second.map()
+    assert not sheet.lost
+    third = HybridSlam(screen, prior_map=sheet)
+    np.testing.assert_array_equal(third.map().features.position_m, first.features.position_m)
+    assert third.map().provenance["agents"] == ["agent1", "agent1"]  # the first and itself
 
 
 @pytest.mark.slow
