@@ -14,6 +14,8 @@ from gridslam.world.scene import Scene
 
 UNSURE = "unsure: "
 """Begins a line that says that a table can't be judged."""
+FEW = 10
+"""Scans below which little can be told."""
 MANY = 20
 """Steps with lines of sight to two anchors from which on errors of distances show."""
 
@@ -41,6 +43,8 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
     if seen.explained >= FITTING:
         line += ": units and frames fit the scene"
+        if seen.scans < FEW:
+            return f"{line}, as far as so few scans tell"
         both = steps_to_judge_by(table, seen, scene)
         if both < MANY and any(len(finite(columns, name)) for name in ANGLES):
             total = len(np.unique(table["step"]))
@@ -51,7 +55,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
         line += f" ({', '.join(f'{name} {share:.0%}' for name, share in each if share == share)})"
     if not any(len(finite(columns, name)) for name in ANGLES):
         return f"{line}: distances alone don't tell where the agent is, so that nothing more can be said"
-    if seen.explained < 0.3 or seen.scans < 10:
+    if seen.explained < 0.3 or seen.scans < FEW:
         whether = "whether units and frames are right; no single cure explains the rows"
         return f"{UNSURE}{line}: too few to tell {whether}"
     if not scene.walls:

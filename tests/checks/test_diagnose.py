@@ -139,6 +139,15 @@ def test_padding_is_named_and_the_rest_still_judged(tables, value):
     assert f"{rows.sum()} of" in found[0].reason
 
 
+def test_few_scans_tell_little(tmp_path, tables):
+    path = tmp_path / "heard.csv"
+    tables["room", 1].to_csv(path)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:1] + [line for line in lines if line.startswith(("0,", "1,"))]))
+    said = describe(path, SCENES["room"])[-1]
+    assert said.endswith("of 4 scans: units and frames fit the scene, as far as so few scans tell")
+
+
 @pytest.mark.slow
 def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, tables):
     table = tables["room", 1]
