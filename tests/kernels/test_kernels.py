@@ -14,7 +14,7 @@ from gridslam import reference, runtime
 from gridslam.inference.messages.prediction import PathQuery
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.particles import Sampling, draft_of
-from gridslam.inference.workspace.workspace import SHAPES, Workspace
+from gridslam.inference.workspace.workspace import SHAPES, SLOTS, Workspace
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.blocks import OFFSET, SHARE
 from gridslam.kernels.primitives.tables import ODDS, OPEN
@@ -205,6 +205,21 @@ def test_buffers_last_by_maker_slot_and_shape_and_belong_to_one_workspace():
     assert np.shares_memory(some, first)
     assert some.shape == (1, 3)
     assert work.first_rows(first, 1) is some is not work.first_rows(first, 2)
+
+
+def test_of_many_anchors_buffers_of_one_shape_last():
+    work = Workspace(model_of(), seed=1)
+
+    def same(slot):
+        first = work.buffers(pair, slot, 2, 3)
+        work.buffers(pair, slot, 3, 2)
+        return work.buffers(pair, slot, 2, 3) is first
+
+    def pair(*shape):
+        return np.zeros(shape)
+
+    assert all(same(slot) for slot in range(SLOTS))
+    assert not any(same(slot) for slot in range(SLOTS, SLOTS + 3))
 
 
 def test_a_kernel_of_another_taichi_is_launched_as_it_is():

@@ -30,6 +30,8 @@ VIEWS = 64
 """Views of buffers that are kept, at most."""
 SHAPES = 4
 """Shapes of which buffers last at the same time: hypotheses differ by some paths."""
+SLOTS = 48
+"""Slots beyond which, as with many anchors, buffers of one shape last: those of four took gigabytes."""
 
 
 class Workspace:
@@ -103,7 +105,8 @@ class Workspace:
                 break
         else:
             one = shape, make(*shape)
-            self._buffers[make, slot] = [*known[1 - SHAPES :], one]
+            others = known[1 - SHAPES :] if len(self._buffers) <= SLOTS else []
+            self._buffers[make, slot] = [*others, one]
         made: Made = one[1]
         return made
 
