@@ -15,16 +15,16 @@ from gridslam.kernels.primitives import tables
 WALL = [0.5 * np.pi, 3.0]
 
 
-def merged(paths, shares, seen=0, walk=0.0):
-    """Numbers left of two surfaces on one line, after exchanges of anchors 0 and 1 with their measurements.
+def merged(paths, shares, seen=0, walk=0.0, anchors=(0, 1)):
+    """Numbers left of two surfaces on one line, after an exchange of each of `anchors` (-1: of all).
 
-    `paths` are (anchor, bounces, last, first), `shares` what each has of two measurements of its anchor.
+    `paths` are (anchor, bounces, last, first), `shares` what each has of two measurements of its exchange.
     """
     state = state_of(Belief(np.concatenate([np.zeros(5), WALL, WALL]), 1e-4 * np.eye(9)), 2, 0.9)
     bank = replace(state.surfaces, seen=np.full(2, seen), walk=np.array([[0.0, walk], [0.0, 0.0]]))
     exchanges = []
-    for anchor in range(2):
-        own = [row for row, path in enumerate(paths) if path[0] == anchor]
+    for anchor in anchors:
+        own = [row for row, path in enumerate(paths) if anchor in (path[0], -1)]
         table = np.array([paths[row] for row in own]).reshape(-1, 4)
         rays = Rays.of(*table.T, np.ones(len(own)), np.ones(len(own)))
         message = np.zeros((5, len(own), 2))
@@ -57,3 +57,8 @@ def test_two_single_bounces_of_one_scan_are_of_two_surfaces(paths, shares, left)
 @pytest.mark.parametrize(("seen", "walk", "left"), [(8, 0.2, [0, 1]), (7, 0.2, [0]), (8, -0.2, [0])])
 def test_a_line_that_walks_onto_another_that_was_seen_often_is_not_it(seen, walk, left):
     assert merged([], [], seen, walk) == left
+
+
+def test_single_bounces_from_two_anchors_in_one_exchange_may_be_of_one_surface():
+    assert merged([(0, 1, 0, 0), (1, 1, 1, 1)], [FIRST, SECOND], anchors=(-1,)) == [0]
+    assert merged([(1, 1, 0, 0), (1, 1, 1, 1)], [FIRST, SECOND], anchors=(-1,)) == [0, 1]
