@@ -22,7 +22,7 @@ from gridslam.systems.registry import DEFAULT, method_class, method_name, suited
 from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
-from gridslam.world.start import Start, require_scene
+from gridslam.world.start import Start, assumed_start, require_scene
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
 
@@ -125,8 +125,8 @@ def map_scene(
         map=sheet,
         seconds_per_step=done.seconds_per_step,
         peak_memory_mb=done.peak_memory_mb,
+        began=start or assumed_start(scene, slam.agent, seed, "exact"),
         interrupted=len(estimates) < len(measurements),
-        start=start.how if start is not None else "exact",
     )
 
 

@@ -24,7 +24,7 @@ from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.scene import Scene
-from gridslam.world.start import Start
+from gridslam.world.start import Start, assumed_start
 
 SETTLED = 101
 """Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
@@ -192,8 +192,8 @@ def map_network(
             map=sheet,
             seconds_per_step=done.seconds_per_step,
             peak_memory_mb=done.peak_memory_mb,
+            began=(starts or {}).get(name) or assumed_start(scene, name, seed, "exact"),
             interrupted=interrupted,
-            start=starts[name].how if starts and name in starts else "exact",
         )
     clocks = ClockTrack.of(estimates, len(scene.anchors))
     return NetworkRun(runs, clocks, _labels(measurements, estimates), interrupted)

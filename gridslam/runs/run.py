@@ -14,6 +14,7 @@ from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
 from gridslam.wording import counted
 from gridslam.world.scene import Scene
+from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -48,8 +49,8 @@ class Run:
         What the run cost.
     interrupted : bool
         Whether it was stopped before the last measurement.
-    start : str
-        What the filter was told of the start: "exact", the scene's own, or "drawn" from the prior.
+    began : Start
+        The start that the filter assumed.
     """
 
     scene: Scene
@@ -64,8 +65,13 @@ class Run:
     map: Map
     seconds_per_step: float
     peak_memory_mb: float
+    began: Start
     interrupted: bool = False
-    start: str = "exact"
+
+    @property
+    def start(self) -> str:
+        """How the start was taken: "exact", the scene's own, or "drawn" from the prior."""
+        return self.began.how
 
     def __repr__(self) -> str:
         """One line."""

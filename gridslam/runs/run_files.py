@@ -29,6 +29,7 @@ from gridslam.runs.stopping import held_back
 from gridslam.systems.registry import particles_of
 from gridslam.world.names import folder_fault
 from gridslam.world.scene import Scene
+from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
 
 PACKAGES = ("gridslam", "numpy", "scipy", "taichi", "h5py")
@@ -247,6 +248,7 @@ def _fill(
         "method": last.method,
         "seed": last.seed,
         "start": last.start,
+        "starts": {run.agent: _pose(run.began) for run in runs},
         "particles": particles_of(last.method, last.scene.filter.particles),
         "device": last.device,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
@@ -257,6 +259,10 @@ def _fill(
         "run.json", lambda path: write_bytes(path, _json(summary))
     )  # last: it says that the rest is there
     return faults
+
+
+def _pose(start: Start) -> dict[str, Any]:
+    return {"position_m": start.position_m.tolist(), "heading_deg": float(np.degrees(start.heading_rad))}
 
 
 def _fault(path: Path, error: Exception) -> InputError:

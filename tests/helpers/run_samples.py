@@ -12,6 +12,7 @@ from gridslam.runs.run import Run
 from gridslam.runs.run_files import write_run
 from gridslam.simulation.image_source import ground_truth
 from gridslam.world.scene import Scene
+from gridslam.world.start import assumed_start
 from gridslam.world.trajectory import Trajectory
 
 SCENE = """
@@ -102,6 +103,7 @@ def some_run(scene, agent, error=0.0, **changes):
         map=replace(grid, evidence=evidence, observed=observed),
         seconds_per_step=0.1,
         peak_memory_mb=100.0,
+        began=assumed_start(scene, agent, 3, "exact"),
         **changes,
     )
 

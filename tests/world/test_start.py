@@ -140,6 +140,9 @@ def test_a_run_says_which_start_was_told(file, tmp_path, no_figures, monkeypatch
         "exact",
         "exact",
     ]
+    start = assumed_start(gs.Scene.load(file), "agent1", summaries["default"]["seed"])
+    pose = {"position_m": start.position_m.tolist(), "heading_deg": np.degrees(start.heading_rad)}
+    assert summaries["default"]["starts"] == {"agent1": pose}
     rmse = {name: summary["agents"]["agent1"]["position_rmse_m"] for name, summary in summaries.items()}
     assert rmse["default"] == rmse["drawn"] != rmse["exact"]
     capsys.readouterr()
