@@ -243,6 +243,14 @@ def test_in_a_crowd_a_set_that_sees_its_line_of_sight_is_preferred_within_the_sc
         hidden = seen._replace(placed=False, score=ahead)
         assert (best_of([hidden, seen]) is seen) is wins
         assert seen.beats(hidden) is wins
+    ahead = hidden._replace(score=1.0)
+    assert ahead.adrift
+    for one, other in ((True, True), (True, False), (False, True)):
+        rivals = [ahead._replace(known=one), seen._replace(known=other)]
+        assert best_of(rivals) is rivals[0], "known features say where the agent is, seen or not"
+    known = replace(lesson, before=joint).judge(replace(joint, existence=np.zeros(1)), state.segment)
+    assert known.known
+    assert not known.adrift
     image = seen._replace(joint=replace(joint, extent=0.0))
     assert best_of([image._replace(placed=False, score=1.0), image]) is not image
     assert not seen._replace(score=0.9 * CLEAR).beats(seen, CLEAR)

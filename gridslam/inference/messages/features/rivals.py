@@ -31,8 +31,8 @@ PRICES = np.array([[0.0, 10.0, 10.0], [10.0, 0.0, 10.0]])
 CLEAR = 10.0
 """Nats by which one set has to explain a segment better than another to be preferred for it."""
 SEEN = 200.0
-"""Nats that it is worth in a crowd that a set sees a line of sight where it should be: scores of sets along
-ways that differ by decimetres scatter by as much."""
+"""Nats that it is worth in a new crowd that a set sees a line of sight where it should be: scores of sets
+along ways that differ by decimetres scatter by as much."""
 HOPELESS = 60.0
 """Nats by which one has to be behind another at some step for the rest of the segment not to matter."""
 ROUNDS, LATER_ROUNDS = 3, 1
@@ -66,6 +66,8 @@ class Rival(NamedTuple):
         With the set at the segment's beginning.
     placed : bool
         Whether a line of sight is seen that says where the agent is, see `Lesson.placed`.
+    known : bool
+        Whether it goes on from features that say so, too.
     """
 
     score: float
@@ -74,6 +76,12 @@ class Rival(NamedTuple):
     evidence: Array
     start: JointBelief
     placed: bool
+    known: bool
+
+    @property
+    def adrift(self) -> bool:
+        """Whether nothing says where all of a crowd is, so that its score may be so high by chance."""
+        return self.joint.extent > 0 and not self.placed and not self.known
 
     def beats(self, other: Rival, by: float = 0.0) -> bool:
         """Whether this set is better by so many nats."""
@@ -81,8 +89,11 @@ class Rival(NamedTuple):
 
 
 def best_of(rivals: list[Rival]) -> Rival:
-    """The set that explains the segment best; in crowds, one that sees its line of sight is preferred."""
-    crowd = any(one.joint.extent > 0 for one in rivals)
+    """The set that explains the segment best.
+
+    In new crowds, one that sees its line of sight is preferred; features that are known place the agent.
+    """
+    crowd = any(one.joint.extent > 0 for one in rivals) and not any(one.known for one in rivals)
     return max(rivals, key=lambda one: one.score + SEEN * (crowd and one.placed))
 
 
@@ -173,10 +184,11 @@ class Lesson:
         """
         cost, lead = self._cost(belief), None
         if other is not None:
-            slack = HOPELESS + SEEN * (other.joint.extent > 0 and not other.placed)
+            slack = HOPELESS + SEEN * other.adrift
             lead = np.cumsum(other.evidence) - self._cost(other.start) + cost - slack
         joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
-        return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint))
+        known = len(self.before.features) > 0
+        return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint), known)
 
     def _cost(self, belief: JointBelief) -> float:
         """Nats that a belief's new features cost."""
