@@ -61,6 +61,18 @@ def test_both_sides_remain_until_another_anchor_tells(model):
     assert watch_mirrors(replace(sure, one_sided=both.one_sided), BAND, model).one_sided.any()
 
 
+def test_an_anchor_whose_distance_was_vague_does_not_tell(model):
+    """A reflection passes for a line of sight whose length is known worse than to c/B (0.75 m)."""
+    for deviation, noted in ((0.7, [1, 0]), (0.8, [1, 1])):
+        length = model.anchor_positions[1] - model.anchor_positions[0] - [0.0, 2.0]
+        along = abs(length[0]) / np.hypot(*length)
+        wide = state_at(model, [0.0, 2.0], [deviation / along, 0.001], [1.0, 0.0])
+        found = watch_mirrors(wide, BAND, model)
+        assert found.one_sided.tolist() == noted
+        narrow = replace(state_at(model, [0.0, 2.0], [0.02, 0.01], [1.0, 0.999]), one_sided=found.one_sided)
+        assert watch_mirrors(narrow, BAND, model).one_sided.any() == (noted[1] == 1)
+
+
 def test_an_earlier_checkpoint_knows_no_side_and_goes_on(model):
     earlier = replace(state_at(model, [2.0, 0.0], [0.01, 0.3], [1.0, 0.0]), one_sided=np.zeros(0, np.int64))
     assert all(holds for _, holds, _ in earlier.claims(2))

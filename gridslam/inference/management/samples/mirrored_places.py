@@ -14,6 +14,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.samples.images import DirectState
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import direction, unit
 
 BENT = 0.5
 """How far a circle of equal distance may bend within the belief, in deviations of that distance: beyond, both
@@ -23,12 +24,17 @@ IN_SIGHT, SURE, LOUD = 0.5, 0.99, 10.0
 
 
 def watch_mirrors(state: DirectState, band: Band, model: FilterModel) -> DirectState:
-    """Note which anchors were in sight while both sides fitted, until another one decides between them."""
+    """Note which anchors can't decide, while both sides fit, until another one decides between them.
+
+    Those in sight can't, as both sides have one distance from them. Neither can one whose distance is known
+    worse than to c/B: whatever it receives then, a reflection too, passes for its line of sight.
+    """
     links, sided, bent = state.links, state.one_sided, bends(state, band, model)
     if not len(sided):  # of an earlier version's checkpoint
         sided = np.zeros(len(bent), np.int64)
     if (bent > BENT).any():
-        return replace(state, one_sided=np.maximum(sided, (links.visible > IN_SIGHT).astype(np.int64)))
+        fits = (links.visible > IN_SIGHT) | (_spread_along(state, model) > band.resolution_m)
+        return replace(state, one_sided=np.maximum(sided, fits.astype(np.int64)))
     snr = links.intensity / np.maximum(links.noise, 1e-300)
     others = (links.visible > SURE) & (snr > LOUD) & (sided == 0)
     return replace(state, one_sided=np.zeros_like(sided)) if sided.any() and others.any() else state
@@ -51,3 +57,9 @@ def bends(state: DirectState, band: Band, model: FilterModel) -> Array:
     snr = links.intensity / np.maximum(links.noise, 1e-300)
     bend = 0.5 * variance / distance * np.sqrt(2 * snr) * band.rms_wavenumber
     return np.where((links.visible > IN_SIGHT) & (links.noise > 0) & either, bend, 0.0)
+
+
+def _spread_along(state: DirectState, model: FilterModel) -> Array:
+    """Deviations (J,) of the distances to all anchors, m."""
+    along = unit(direction(model.anchor_positions, state.belief.mean[:2]))
+    return np.sqrt(np.einsum("ji,ik,jk->j", along, state.belief.covariance[:2, :2], along))
