@@ -25,7 +25,7 @@ from gridslam.inference.messages.network.clock_setting import doubt_clocks, loos
 from gridslam.inference.messages.network.departures import without_doubtful_departures
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
-from gridslam.inference.messages.prediction import predict_paths
+from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
     start_amplitudes,

@@ -19,7 +19,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.motion import predict
-from gridslam.inference.messages.prediction import predict_paths
+from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     forget_amplitudes,
     predict_amplitudes,

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gridslam as gs
-from gridslam.inference.messages.prediction import PredictedPaths, Prediction
+from gridslam.inference.messages.path_prediction import PredictedPaths, Prediction
 from gridslam.inference.messages.ray_amplitudes import (
     forget_amplitudes,
     mean_amplitudes,

@@ -12,7 +12,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.inference.management.mixture import poses
-from gridslam.inference.messages.prediction import links_of
+from gridslam.inference.messages.path_prediction import links_of
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays, listed_at_most

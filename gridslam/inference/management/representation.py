@@ -8,11 +8,11 @@ from __future__ import annotations
 from gridslam.arrays import Array, replace
 from gridslam.inference.management import parking
 from gridslam.inference.messages import births as new_surfaces
-from gridslam.inference.messages import cells, elevations, motion, prediction, updates
+from gridslam.inference.messages import cells, elevations, motion, path_prediction, updates
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.cells import Visibility
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.published import sample_updates as particles
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan
@@ -44,8 +44,8 @@ class JointGaussian:
     def predict_paths(
         self, state: State, anchor: int, model: FilterModel, *, work: Workspace
     ) -> PredictedPaths:
-        """See `prediction.predict_paths`."""
-        return prediction.predict_paths(state, anchor, model, work=work)
+        """See `path_prediction.predict_paths`."""
+        return path_prediction.predict_paths(state, anchor, model, work=work)
 
     def cast_paths(
         self, state: State, anchor: int, model: FilterModel, *, work: Workspace

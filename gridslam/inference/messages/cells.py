@@ -12,7 +12,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
-from gridslam.inference.messages.prediction import (
+from gridslam.inference.messages.path_prediction import (
     AS_THEY_ARE,
     ListArguments,
     PathQuery,

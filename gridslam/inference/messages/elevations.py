@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.belief import Belief

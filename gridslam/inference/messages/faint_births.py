@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan, own_deviations, whole_of

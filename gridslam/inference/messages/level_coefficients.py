@@ -11,8 +11,8 @@ from functools import lru_cache
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.messages.likelihood import detection_table
-from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.amplitudes import detection_table
+from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State

@@ -1,4 +1,7 @@
-"""Likelihood ratios of measurements under paths ([Li2025adaptive], section IV); owner of that kernel."""
+"""Likelihood ratios of measurements under paths; owner of that kernel.
+
+[Li2026grid], eqs. (8) to (10); [Li2025adaptive], section IV.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,8 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
-from gridslam.inference.messages.likelihood import AmplitudeBelief, detection_table
-from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.amplitudes import AmplitudeBelief, detection_table
+from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.particles import Cloud
 from gridslam.inference.workspace.workspace import Workspace, timed

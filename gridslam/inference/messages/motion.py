@@ -1,11 +1,14 @@
-"""Prediction of the state over time: motion of the agent, jitter and survival of the surfaces."""
+"""Prediction of the state over time: motion of the agent, jitter and survival of the surfaces.
+
+[Li2026grid], section III-C and eqs. (4), (5), (12). What paths this predicts stands in `path_prediction`.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.state import belief, surface_bank
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank

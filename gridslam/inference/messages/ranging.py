@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
 from gridslam.inference.messages.association import Association
 from gridslam.inference.messages.exact_association import associate_exactly
-from gridslam.inference.messages.likelihood import DetectionTable, detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.belief import Belief

@@ -16,9 +16,9 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
-from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.likelihood_ratios import PORTION
-from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes

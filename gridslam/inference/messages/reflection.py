@@ -1,5 +1,5 @@
 """Reflection coefficients: beliefs about products of them along paths, and what amplitudes say of each; owner
-of that kernel."""
+of that kernel. [Li2026grid], eq. (2); docs/model.md, (M41), (M42)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import hits_of, latest_hits, with_hits
-from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State

@@ -5,7 +5,7 @@ import pytest
 from filter_states import anchor_scans_of
 
 from gridslam.inference.management.poses import pose_fix, pose_recovery
-from gridslam.inference.messages.likelihood import DetectionTable
+from gridslam.inference.messages.amplitudes import DetectionTable
 from gridslam.inference.state.belief import Belief, append
 from gridslam.world import geometry
 from gridslam.world.geometry import wrap

@@ -9,7 +9,7 @@ from scene_samples import short
 import gridslam as gs
 from gridslam.inference.management.network.recovery import Beacons, log_likelihood, placed_at, proposed_poses
 from gridslam.inference.management.poses.pose_fix import Fix, _log_likelihood, known_sources
-from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.state.anchor_measurements import of_all_anchors, split_by_anchor
 from gridslam.simulation.network import simulate_network
 from gridslam.systems.network import NetworkSlam

@@ -15,7 +15,7 @@ from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.prediction import EVERY_ANCHOR, predict_paths
+from gridslam.inference.messages.path_prediction import EVERY_ANCHOR, predict_paths
 from gridslam.inference.messages.reflection import PRODUCTS, Reflected
 from gridslam.inference.messages.updates import update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import of_all_anchors, split_by_anchor

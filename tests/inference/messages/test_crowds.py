@@ -9,7 +9,7 @@ from filter_states import model_of, state_of
 
 from gridslam.inference.messages.crowds import OTHERS, crowded_as_one, neighbours, of_one_way
 from gridslam.inference.messages.likelihood_ratios import Pairs, evaluate
-from gridslam.inference.messages.prediction import predict_paths
+from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.updates import update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief

@@ -13,7 +13,7 @@ from gridslam.inference.messages.network.departures import (
     unproven,
     without_doubtful_departures,
 )
-from gridslam.inference.messages.prediction import predict_paths
+from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import predict_amplitudes
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.kernels import UNMEASURED

@@ -10,9 +10,9 @@ from scipy.stats import multivariate_normal
 import gridslam as gs
 from gridslam import reference
 from gridslam.errors import InputError
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.faint_births import borne_out, recall_leftovers, remember_leftovers
-from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.unexplained import gather_unexplained

@@ -10,9 +10,9 @@ from scene_samples import shortened
 import gridslam as gs
 from gridslam.evaluation.path_slopes import whitened_jacobian
 from gridslam.inference.messages import ranging
+from gridslam.inference.messages.amplitudes import DetectionTable
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.exact_association import MOST_CONTESTED, associate_exactly
-from gridslam.inference.messages.likelihood import DetectionTable
 from gridslam.inference.state import rings
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief, append, update

@@ -14,7 +14,7 @@ from gridslam.inference.management.representation import (
     representation_of,
 )
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.prediction import predict_paths
+from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.published.sample_updates import _densities, at_samples, sample_logs
 from gridslam.inference.messages.ray_amplitudes import predict_amplitudes
 from gridslam.inference.messages.updates import update_surfaces_and_agent

@@ -25,7 +25,7 @@ from gridslam.inference.management.poses.pose_fix import (
     known_sources,
 )
 from gridslam.inference.management.poses.pose_recovery import PURPOSE, freed, is_vague, near_paths
-from gridslam.inference.messages.likelihood import DetectionTable, detection_table
+from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.network.state import NetworkState

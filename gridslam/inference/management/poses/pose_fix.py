@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.health.monitor import MOST_LOUD
-from gridslam.inference.messages.likelihood import DetectionTable
-from gridslam.inference.messages.prediction import paths_now
+from gridslam.inference.messages.amplitudes import DetectionTable
+from gridslam.inference.messages.path_prediction import paths_now
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.belief import Belief

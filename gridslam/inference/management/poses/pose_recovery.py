@@ -14,7 +14,7 @@ from gridslam import runtime
 from gridslam.arrays import replace
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
-from gridslam.inference.messages.likelihood import detection_table
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT, HEADING

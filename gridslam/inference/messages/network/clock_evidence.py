@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.prediction import predict_every_path
+from gridslam.inference.messages.path_prediction import predict_every_path
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.network.clock_search import CELL_M
 from gridslam.inference.state.state import State

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.association import associate
-from gridslam.inference.messages.likelihood import detection_table
 from gridslam.inference.messages.published.direct_particles import resampled
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.published.feature_particles import Features, ImageState

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.published.direct_particles import resampled
 from gridslam.inference.messages.published.image_particles import moved_agents
 from gridslam.inference.state.anchor_measurements import AnchorScan

@@ -10,7 +10,7 @@ from scipy.special import i0e, logsumexp
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.cells import Visibility
-from gridslam.inference.messages.prediction import PredictedPaths
+from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Complex, one_more
 from gridslam.inference.messages.samples.array_search import Found, find_paths

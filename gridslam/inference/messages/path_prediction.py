@@ -1,5 +1,5 @@
-"""Predicted paths, linearised at the mean of the belief, and their existence one step ahead; owner of that
-kernel."""
+"""Paths as predicted, linearised at the mean of the belief, and their existence one step ahead; owner of that
+kernel. Agent and surfaces are predicted in `motion`."""
 
 from __future__ import annotations
 

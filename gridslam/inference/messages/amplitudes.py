@@ -1,7 +1,7 @@
-"""Beliefs about amplitudes, detection probability, and the accuracy of distance and angles.
+"""Beliefs about amplitudes, and the probability of detection that follows from an amplitude.
 
 A belief about a path's amplitude is a distribution over nodes: products of reflection coefficients in grid
-SLAM, amplitudes in adaptive SLAM. Both meet the measurements in the same kernel.
+SLAM, amplitudes in adaptive SLAM. Both meet the measurements in one kernel: `likelihood_ratios.evaluate`.
 """
 
 from __future__ import annotations
