@@ -272,3 +272,44 @@ def test_a_crowd_is_looked_for_from_other_starts_and_the_best_are_followed_up():
     assert ways[0] is not astray
     found, ways = lesson.elsewhere(lost._replace(placed=True), astray, PRICES[0])
     assert [len(found), ways] == [1, [astray]]
+
+
+def lesson_of_cost(cost):
+    """A lesson whose sets lead 1 m beside the way along which they were proposed, each for its own cost."""
+
+    class Counted(Lesson):
+        """Which counts whence it climbs."""
+
+        def climb(self, rival, segment, price):
+            climbed.append(rival)
+            return rival
+
+        def _cost(self, belief):
+            return cost[belief]
+
+    climbed = []
+    state, model = state_after([], [], 0)
+    known = lesson_of(state, model)
+    plain = known.judge(known.before, state.segment)
+    lesson = Counted(**{field: getattr(known, field) for field in known.__dataclass_fields__})
+    sets = [plain._replace(start=name, track=plain.track + n, score=-float(n)) for n, name in enumerate(cost)]
+    lesson.best(sets, [state.segment] * len(sets), PRICES[0])
+    return [one.start for one in climbed]
+
+
+def test_a_set_beside_which_a_richer_one_would_be_given_up_at_once_is_not_climbed_from():
+    assert lesson_of_cost({"rich": 100.0, "poor": 100.0 - HOPELESS - 1}) == ["rich"]
+    assert lesson_of_cost({"rich": 100.0, "other": 100.0 - HOPELESS + 1}) == ["rich", "other"]
+    assert lesson_of_cost({"poor": 0.0, "rich": 100.0}) == ["poor", "rich"]
+
+
+@pytest.mark.parametrize("crowded", [True, False])
+@pytest.mark.parametrize("placed", [True, False])
+def test_in_a_crowd_that_sees_its_line_of_sight_no_other_kind_is_tried(monkeypatch, crowded, placed):
+    state, model = state_after([], [], 0)
+    lesson = lesson_of(state, model)
+    plain = lesson.judge(lesson.before, state.segment)
+    found = plain._replace(joint=replace(plain.joint, extent=float(crowded)), placed=placed)
+    monkeypatch.setattr(Lesson, "judge", lambda self, belief, segment, other=None: found)
+    sets = lesson.rivals(state.segment, state.joint, PRICES)
+    assert len(sets) == (1 if crowded and placed else len(PRICES))

@@ -83,6 +83,11 @@ class Rival(NamedTuple):
         """Whether nothing says where all of a crowd is, so that its score may be so high by chance."""
         return self.joint.extent > 0 and not self.placed and not self.known
 
+    @property
+    def settled_crowd(self) -> bool:
+        """Whether it is a crowd, whose features are quite of no kind, and sees its line of sight."""
+        return self.joint.extent > 0 and self.placed
+
     def beats(self, other: Rival, by: float = 0.0) -> bool:
         """Whether this set is better by so many nats."""
         return best_of([other._replace(score=other.score + by), self]) is self
@@ -151,6 +156,8 @@ class Lesson:
     ) -> list[Rival]:  # fmt: skip
         """What is proposed along the way of the agent in a segment, one set for each row of prices.
 
+        Where the first is a settled crowd, it is the only one: other kinds would tell no more.
+
         Parameters
         ----------
         after : JointBelief
@@ -164,6 +171,8 @@ class Lesson:
         looks = surveys(self.before, after, part, self.judged, self.front, self.model, self.tables)
         found: list[Rival] = []
         for price in prices:
+            if found and found[0].settled_crowd:
+                break
             wider = with_proposals(self.before, part, looks, price, self.first, self.identity, self.model)
             rival = self.judge(wider, segment, found[0] if found else other)
             doubtful = self.sights(rival.joint)
@@ -189,6 +198,10 @@ class Lesson:
         joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
         known = len(self.before.features) > 0
         return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint), known)
+
+    def _poorer(self, rival: Rival, other: Rival) -> bool:
+        """Whether a set as rich as another would be given up at once beside this one, for what it costs."""
+        return self._cost(other.start) > self._cost(rival.start) + HOPELESS
 
     def _cost(self, belief: JointBelief) -> float:
         """Nats that a belief's new features cost."""
@@ -221,8 +234,8 @@ class Lesson:
         """
         climbed: list[Rival] = []
         for rival, segment in zip(rivals, ways, strict=True):
-            known = any(apart(rival.track, one.track) < MOVED_M for one in climbed)
-            climbed.append(rival if known else self.climb(rival, segment, price))
+            done = any(apart(rival.track, one.track) < MOVED_M or self._poorer(rival, one) for one in climbed)
+            climbed.append(rival if done else self.climb(rival, segment, price))
         found = best_of(climbed)
         if len(self.before.features):
             return found

@@ -39,6 +39,11 @@ BATCH = 128
 """Places whose gains are found anew together."""
 ZOOMS = 2
 """Times that the grid about the best place is made five times finer."""
+AROUND, AROUND_FREE = (
+    np.stack(np.meshgrid(np.arange(-2, 3), np.arange(-2, 3), shares, indexing="ij"), -1).reshape(-1, 3)
+    for shares in (np.zeros(1), np.arange(-1.0, 2.0))
+)
+"""Grid about a place in steps of length, direction and share of distance; of a tied extra length, and any."""
 CLOSE = 30.0
 """Nats within which a place of a cheaper kind is moved up as well before one of them is taken."""
 TOGETHER, APART_M = 3, 2.0
@@ -155,8 +160,7 @@ def nearer(place: Array, power: float, kind: int, stretch: Stretch, left: Tables
     best, gain = np.array([*place, power]), -np.inf
     for _ in range(ZOOMS):
         step = step / 5
-        ways = [np.arange(-2, 3), np.arange(-2, 3), np.arange(-1, 2) if kind == FREE else np.zeros(1)]
-        grid = at + step * np.stack(np.meshgrid(*ways, indexing="ij"), -1).reshape(-1, 3)
+        grid = at + step * (AROUND_FREE if kind == FREE else AROUND)
         grid[:, 2] = np.clip(grid[:, 2], 0.05, 1.0)
         if kind == SCATTERED:
             rows = on_ellipse(grid[:, 0], grid[:, 1], centre, stretch.anchor_m)
