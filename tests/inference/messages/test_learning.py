@@ -7,6 +7,7 @@ import pytest
 from lesson_states import LOS, LOS_POWER, MIRROR, SCATTERER, STEPS, lesson_of, state_after
 
 from gridslam import runtime
+from gridslam.inference.messages.features import rivals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.learning import JUDGED, learn, was_detected
@@ -246,8 +247,8 @@ def test_in_a_crowd_a_set_that_sees_its_line_of_sight_is_preferred_within_the_sc
     ahead = hidden._replace(score=1.0)
     assert ahead.adrift
     for one, other in ((True, True), (True, False), (False, True)):
-        rivals = [ahead._replace(known=one), seen._replace(known=other)]
-        assert best_of(rivals) is rivals[0], "known features say where the agent is, seen or not"
+        pair = [ahead._replace(known=one), seen._replace(known=other)]
+        assert best_of(pair) is pair[0], "known features say where the agent is, seen or not"
     known = replace(lesson, before=joint).judge(replace(joint, existence=np.zeros(1)), state.segment)
     assert known.known
     assert not known.adrift
@@ -274,33 +275,31 @@ def test_a_crowd_is_looked_for_from_other_starts_and_the_best_are_followed_up():
     assert [len(found), ways] == [1, [astray]]
 
 
-def lesson_of_cost(cost):
-    """A lesson whose sets lead 1 m beside the way along which they were proposed, each for its own cost."""
-
-    class Counted(Lesson):
-        """Which counts whence it climbs."""
-
-        def climb(self, rival, segment, price):
-            climbed.append(rival)
-            return rival
-
-        def _cost(self, belief):
-            return cost[belief]
-
-    climbed = []
+def given_up(earlier, later, cost, others_cost, monkeypatch):
+    """At which step a set is given up that gains so much beside others that do, and costs so much more."""
     state, model = state_after([], [], 0)
-    known = lesson_of(state, model)
-    plain = known.judge(known.before, state.segment)
-    lesson = Counted(**{field: getattr(known, field) for field in known.__dataclass_fields__})
-    sets = [plain._replace(start=name, track=plain.track + n, score=-float(n)) for n, name in enumerate(cost)]
-    lesson.best(sets, [state.segment] * len(sets), PRICES[0])
-    return [one.start for one in climbed]
+    lesson = lesson_of(state, model)
+    other = lesson.judge(lesson.before, state.segment)
+    gains = np.where(np.arange(len(state.segment)) < 5, earlier, later)
+    asked = []
+
+    def replayed(belief, segment, before_s, first, model, least=None):
+        asked.append(np.flatnonzero(np.cumsum(other.evidence + gains) < least))
+        return other.joint, other.evidence + gains, other.track
+
+    costs = {id(lesson.before): others_cost}
+    with monkeypatch.context() as patched:
+        patched.setattr(rivals, "replay", replayed)
+        patched.setattr(Lesson, "_cost", lambda self, belief: costs.get(id(belief), cost))
+        lesson.judge(replace(lesson.before), state.segment, other)
+    return asked[0][0] if len(asked[0]) else None
 
 
-def test_a_set_beside_which_a_richer_one_would_be_given_up_at_once_is_not_climbed_from():
-    assert lesson_of_cost({"rich": 100.0, "poor": 100.0 - HOPELESS - 1}) == ["rich"]
-    assert lesson_of_cost({"rich": 100.0, "other": 100.0 - HOPELESS + 1}) == ["rich", "other"]
-    assert lesson_of_cost({"poor": 0.0, "rich": 100.0}) == ["poor", "rich"]
+def test_a_richer_set_has_until_the_end_to_earn_what_its_features_cost(monkeypatch):
+    assert given_up(0.0, 0.0, 5 * HOPELESS, 0.0, monkeypatch) is None
+    assert given_up(-0.9 * HOPELESS / 5, 0.0, 5 * HOPELESS, 0.0, monkeypatch) is None
+    assert given_up(-1.1 * HOPELESS / 5, 0.0, 5 * HOPELESS, 0.0, monkeypatch) == 4
+    assert given_up(-1.1 * HOPELESS / 5, 0.0, 0.0, HOPELESS, monkeypatch) is None, "what it saves counts"
 
 
 @pytest.mark.parametrize("crowded", [True, False])

@@ -8,7 +8,6 @@ If one stands beside an anchor, all may be beside where it belongs: that is trie
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -120,6 +119,8 @@ class Lesson:
         Deviation of where the agent is half-way through it, before it is heard.
     samples : (K, J, N, M) complex128
         Of all its steps.
+    tables : list of (K, N, T, 4) float32
+        Matched outputs of every anchor: they are the same along any way.
     front : Front
     model : SignalModel
     """
@@ -131,6 +132,7 @@ class Lesson:
     judged: int
     drift_m: float
     samples: Complex
+    tables: list[Tables]
     front: Front
     model: SignalModel
 
@@ -139,16 +141,12 @@ class Lesson:
         cls, state: HybridState, segment: Segment, judged: int, front: Front, model: SignalModel
     ) -> Lesson:
         """That of a state's segment."""
-        before, first = state.before, state.step - len(segment)
-        drift = drifted(before, segment, state.before_s, model)
+        before, samples = state.before, segment.samples
         return cls(
-            before, state.before_s, first, state.next_identity, judged, drift, segment.samples, front, model
-        )
-
-    @cached_property
-    def tables(self) -> list[Tables]:
-        """Matched outputs of every anchor: they are the same along any way."""
-        return [self.front.tables(self.samples[:, j]) for j in range(len(self.model.anchors))]
+            before, state.before_s, state.step - len(segment), state.next_identity, judged,
+            drifted(before, segment, state.before_s, model), samples,
+            [front.tables(samples[:, j]) for j in range(len(model.anchors))], front, model,
+        )  # fmt: skip
 
     def rivals(
         self, segment: Segment, after: JointBelief, prices: Array, taught: Segment | None = None,
@@ -189,19 +187,16 @@ class Lesson:
         ----------
         other : Rival, optional
             One that is preferred in doubt: who falls `HOPELESS` behind it isn't followed to the end, and
-            scores nothing.
+            scores nothing. What more features cost counts in the end alone: by then they may have earned it.
         """
         cost, lead = self._cost(belief), None
         if other is not None:
             slack = HOPELESS + SEEN * other.adrift
-            lead = np.cumsum(other.evidence) - self._cost(other.start) + cost - slack
+            saved = max(self._cost(other.start) - cost, 0.0)
+            lead = np.cumsum(other.evidence) - saved - slack
         joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
         known = len(self.before.features) > 0
         return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint), known)
-
-    def _poorer(self, rival: Rival, other: Rival) -> bool:
-        """Whether a set as rich as another would be given up at once beside this one, for what it costs."""
-        return self._cost(other.start) > self._cost(rival.start) + HOPELESS
 
     def _cost(self, belief: JointBelief) -> float:
         """Nats that a belief's new features cost."""
@@ -234,8 +229,8 @@ class Lesson:
         """
         climbed: list[Rival] = []
         for rival, segment in zip(rivals, ways, strict=True):
-            done = any(apart(rival.track, one.track) < MOVED_M or self._poorer(rival, one) for one in climbed)
-            climbed.append(rival if done else self.climb(rival, segment, price))
+            known = any(apart(rival.track, one.track) < MOVED_M for one in climbed)
+            climbed.append(rival if known else self.climb(rival, segment, price))
         found = best_of(climbed)
         if len(self.before.features):
             return found

@@ -51,5 +51,7 @@ def beginning(state: HybridState, segment: Segment, front: Front, model: SignalM
     plain = lesson.judge(before, segment)
     still = replace(segment, agent=np.tile(before.mean[:MOVING], (len(segment), 1)))
     begun = lesson.rivals(segment, plain.joint if len(before.features) else before, price)
-    begun += lesson.rivals(still, before, price, still.first(1))
-    return best_of([plain, lesson.best(begun, [segment, still], price[0])])
+    # one step shows few features: where ten show a crowd, these stand for one, too
+    alike = replace(lesson, before=replace(before, extent=begun[0].joint.extent))
+    begun += alike.rivals(still, before, price, still.first(1))
+    return best_of([plain, alike.best(begun, [segment, still], price[0])])
