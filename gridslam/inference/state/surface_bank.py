@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,10 @@ RESTING = P_APPEAR / (P_APPEAR + 1 - P_STAY)
 """Existence of a ray of which nothing was told for long."""
 SETTLED = 100
 """Age and number of sightings of a surface that an earlier agent left."""
+MOST_MOVED = 0.25
+"""Share of a coefficient's bin that goes over to either neighbour in one step of its walk at most."""
+WIDEST_WALK = 10.0
+"""Deviation of a coefficient's walk over a step from which on its belief is uniform after it."""
 
 
 def _flat(values: dict[str, Any]) -> Array:
@@ -162,18 +168,45 @@ def _longer(rows: NDArray[Any], last: float | Array) -> NDArray[Any]:
     return longer
 
 
-def evolve(bank: SurfaceBank, survival: float, walk: float, chance: Array | float = 1.0) -> SurfaceBank:
-    """Surfaces survive, coefficients walk by `walk` per step: [Li2026grid], eqs. (4), (5), section IV-A.
+def evolve(
+    bank: SurfaceBank, survival: float, coefficient_std: float, chance: Array | float = 1.0
+) -> SurfaceBank:
+    """Surfaces survive, coefficients walk: [Li2026grid], eqs. (4), (5), section IV-A.
 
     Parameters
     ----------
+    coefficient_std : float
+        Standard deviation of a coefficient's random walk over a step.
     chance : (S,) or float
         Probability that each will be detected at this step, if it is there and in sight.
     """
-    reflection = bank.reflection
-    if walk:
-        step = 0.5 * (walk * BINS) ** 2 * (reflection[:, 1:] - reflection[:, :-1])
-        reflection = reflection.copy()
-        reflection[:, :-1] += step
-        reflection[:, 1:] -= step
+    reflection = diffused(bank.reflection, coefficient_std)
     return replace(bank, existence=bank.existence * survival, reflection=reflection, age=bank.age + chance)
+
+
+def diffused(belief: Array, std: float) -> Array:
+    """Beliefs over `REFLECTION_BINS` (S, BINS) after a random walk of deviation `std`, none beyond its ends.
+
+    A step to either neighbour has the probability `rate`, half the variance in bins squared: a quarter at
+    most, so that none is left with less than nothing; a wider walk takes several steps. docs/model.md, (M19).
+    """
+    rate = 0.5 * (min(std, WIDEST_WALK) * BINS) ** 2
+    if not rate:
+        return belief
+    if rate > MOST_MOVED:
+        return belief @ _steps(rate)
+    step = rate * (belief[:, 1:] - belief[:, :-1])
+    belief = belief.copy()
+    belief[:, :-1] += step
+    belief[:, 1:] -= step
+    return belief
+
+
+@lru_cache(8)
+def _steps(rate: float) -> Array:
+    """Transition over as many steps as make `rate` together, (BINS, BINS); its rows sum to 1."""
+    count = math.ceil(rate / MOST_MOVED)
+    part = np.full(BINS - 1, rate / count)
+    one = np.diag(part, 1) + np.diag(part, -1)
+    np.fill_diagonal(one, 1 - one.sum(1))
+    return np.linalg.matrix_power(one, count)
