@@ -15,12 +15,12 @@ from gridslam.arrays import Array
 from gridslam.inference.management.poses.pose_search import Modes
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import AGENT
+from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 
-POSE = np.array([0, 1, 4])
+POSE = np.array([0, 1, HEADING])
 TOO_WIDE, NARROW, APART, REACH = 1.5, 0.8, 1.2, 2.5
 """In units of the width that can be linearised about: from which on a Gaussian is split, components' width,
 and their distance in units of that; deviations of the centres to which they reach."""
@@ -54,7 +54,7 @@ def conditioned(state: State, pose: Array, covariance: Array) -> State:
     gap = pose - mean[POSE]
     gap[2] = wrap(gap[2])
     moved, narrow = mean + gain @ gap, joint - gain @ (own - covariance) @ gain.T
-    moved[4] = wrap(moved[4])
+    moved[HEADING] = wrap(moved[HEADING])
     return state.believing(replace(state.belief, mean=moved, covariance=0.5 * (narrow + narrow.T)))
 
 
@@ -139,6 +139,6 @@ def split_along(belief: Belief, axis: Array, width: float) -> list[tuple[Belief,
     parts = []
     for place, share in zip(places.tolist(), weight.tolist(), strict=True):
         mean = belief.mean + gain * place
-        mean[4] = wrap(mean[4])
+        mean[HEADING] = wrap(mean[HEADING])
         parts.append((replace(belief, mean=mean, covariance=covariance), share))
     return parts

@@ -1,4 +1,5 @@
-"""The level of clutter, learned from what no path can have caused, and likelihood ratios against it."""
+"""The level of clutter, learned from quiet measurements by what known paths explain of them, and likelihood
+ratios against it; docs/model.md, (M46)."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from gridslam.world.radio import RadioModel
 def learn_clutter(
     state: State, anchor: int, ratios: LikelihoodRatios, signal: RadioModel, model: FilterModel
 ) -> tuple[State, LikelihoodRatios, RadioModel]:
-    """Take in how much clutter an anchor's scan holds, before its association.
+    """Take in how much clutter an anchor's scan holds, before its association; docs/model.md, (M46). Ours.
 
     Parameters
     ----------

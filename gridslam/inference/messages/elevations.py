@@ -19,6 +19,7 @@ from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.kernels.primitives import tables
@@ -30,8 +31,8 @@ HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
 """Columns of `FilterModel.places`."""
 LEAST_SHARE, LEAST_LEVEL_M = 1e-4, 1e-3
 """Probability below which a measurement corrects nothing; length seen from above that slopes are taken at."""
-NO_MESSAGE = 1e-30
-"""Sum of messages that shares are taken of at least."""
+NOTHING = 1e-30
+"""Precision of a measured elevation that is divided by at least."""
 LEAST_STD = 1e-6
 
 
@@ -73,10 +74,10 @@ class Seen:
             weight = np.where(measured, 1 / std**2, 0.0)
             total, both = weight.sum(1), (weight > 0).all(1)
             arrivals = value * (sign, 1.0)
-            values.append((weight * arrivals).sum(1) / np.maximum(total, NO_MESSAGE))
+            values.append((weight * arrivals).sum(1) / np.maximum(total, NOTHING))
             with np.errstate(divide="ignore"):
                 variances.append(1 / total)
-            spread = np.where(both, (1 / np.maximum(weight, NO_MESSAGE)).sum(1), 1.0)
+            spread = np.where(both, (1 / np.maximum(weight, NOTHING)).sum(1), 1.0)
             gap = arrivals[:, 0] - arrivals[:, 1]
             agree = np.exp(-0.5 * gap**2 / spread) / np.sqrt(2 * np.pi * spread)
             flat = np.pi ** (weight > 0).sum(1)  # clutter's elevations are uniform
@@ -164,15 +165,7 @@ def weigh_elevations(
         return ratios
     seen, foreseen = Seen.of(scan, radio), Foreseen.of(state.belief, paths.rays, model)
     factor = seen.ratios(foreseen.way[:, None], foreseen.value[:, None], foreseen.variance[:, None])
-    pairs, message, measured = ratios.pairs, ratios.message.copy(), ratios.measured.copy()
-    pair, (row, m) = pairs.pair.copy(), pairs.index[: len(pairs)].T
-    pair[: len(pairs), 6] *= factor[row, m]
-    message[tables.RATIO] *= factor
-    message[tables.BETA] *= factor
-    beta = message[tables.BETA]
-    # a path that sent another one explains this one less, as in the kernel
-    measured[tables.EXPLAINED] = (beta**2 / np.maximum(beta.sum(1, keepdims=True), NO_MESSAGE)).sum(0)
-    return replace(ratios, pairs=replace(pairs, pair=pair), message=message, measured=measured)
+    return ratios.times(factor)
 
 
 def weigh_births(
@@ -227,5 +220,5 @@ def correct_by_elevations(
         shift = part @ gap
         mean += pushed * shift
         covariance -= np.outer(pushed, pushed) * (part @ (1 / spread - gap**2) + shift**2)
-    mean[4] = wrap(mean[4])
+    mean[HEADING] = wrap(mean[HEADING])
     return replace(state, belief=replace(state.belief, mean=mean, covariance=covariance))

@@ -18,6 +18,7 @@ from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.anchor_measurements import AnchorScan, own_deviations, whole_of
+from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -25,7 +26,7 @@ from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS, REFLECTION_BINS, RadioModel
 
-POSE = np.array([0, 1, 4])
+POSE = np.array([0, 1, HEADING])
 OF_POSE = np.ix_(POSE, POSE)
 CERTAIN = 5.0
 """Ratio to clutter from which on a birth needs no help, and known causes from which on it gets none."""

@@ -25,6 +25,8 @@ from gridslam.world.radio import RadioModel
 
 PORTION = 16
 """Room for measurements comes in portions."""
+NO_MESSAGE = 1e-30
+"""Sum of a path's messages that its shares are taken of at least."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,10 @@ class LikelihoodRatios:
 
     @property
     def explained(self) -> Array:
-        """Ratio to clutter of every measurement's known causes: sum of `beta`, (M,)."""
+        """Ratio to clutter of what known paths explain of every measurement, (M,).
+
+        Sum of `beta`, each times its share of all that its path may have caused; docs/model.md, below (M32).
+        """
         return self.measured[tables.EXPLAINED]
 
     @property
@@ -116,6 +121,18 @@ class LikelihoodRatios:
     def claimed(self) -> Array:
         """What the known paths send to each measurement, (M,)."""
         return self.measured[tables.CLAIMED]
+
+    def times(self, factor: Array) -> LikelihoodRatios:
+        """The same with a further factor (L, M) of the likelihoods."""
+        pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()
+        row, m = self.pairs.index[: len(self.pairs)].T
+        pair[: len(self.pairs), 6] *= factor[row, m]
+        message[tables.RATIO] *= factor
+        message[tables.BETA] *= factor
+        beta = message[tables.BETA]
+        among = np.maximum(beta.sum(1, keepdims=True), NO_MESSAGE)
+        measured[tables.EXPLAINED] = (beta**2 / among).sum(0)  # as in the kernel's `enter`
+        return replace(self, pairs=replace(self.pairs, pair=pair), message=message, measured=measured)
 
     def against(self, clutter: float) -> LikelihoodRatios:
         """The same against a clutter level `clutter` times as high."""

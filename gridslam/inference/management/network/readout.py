@@ -16,6 +16,7 @@ from gridslam.inference.management.network.clock_rivals import unset_clocks
 from gridslam.inference.management.readout import estimates
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
+from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace
@@ -106,7 +107,7 @@ def _of_agent(
     table, paths = estimates(part, own, own.radio.amplitude_at_1m * info.gain, strength, work=work)
     sure = (table.existence > own.settings.detect_above) & (part.surfaces.seen >= CONFIRMED)
     return Estimate(
-        scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[4])),
+        scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[HEADING])),
         covariance[pose, pose].copy(), table, paths, sure, info.health.effective_sample_size,
         time.perf_counter() - began, info.health,
     )  # fmt: skip

@@ -18,6 +18,7 @@ from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.published.direct_particles import resampled
 from gridslam.inference.messages.published.image_particles import moved_agents
 from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.particles import Recipe
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.state import State
@@ -53,7 +54,7 @@ def at_samples(paths: PredictedPaths, state: State) -> PredictedPaths:
     samples, mean = state.require_samples(), state.belief.mean
     whole = np.concatenate([samples.agent, *samples.lines], axis=1).T
     off = whole - mean[:, None]
-    off[4] = wrap(off[4])
+    off[HEADING] = wrap(off[HEADING])
     base = np.stack([mean, np.cos(mean), np.sin(mean)], -1).astype(np.float32)
     points = runtime.resident(np.ascontiguousarray(off, np.float32))
     root = np.eye(len(mean), dtype=np.float32)
