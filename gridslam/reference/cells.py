@@ -175,14 +175,14 @@ def learn(
         _add_to_cells(held, points, summary[0, row] * log / rays, frame)
 
     for row, (bounces, last, first) in enumerate(path[:, :3]):
-        audible = summary[2, row] > 0.05
-        if bounces == 1 and (audible or send[row]):
+        caused = summary[2, row] > 0.05
+        if bounces == 1 and (caused or send[row]):
             log = likelihood(row, 1.0)
             posterior = surface[last] * np.exp(log - log.max()) + 1e-9
             surface[last] = posterior / posterior.sum()
         if bounces == 1 and send[row]:
             tell(row, 1, likelihood(row, 1.0))
-        if bounces == 2 and audible and send[row]:
+        if bounces == 2 and caused and send[row]:
             tell(row, 2, likelihood(row, usual[first]))
             tell(row, 1, likelihood(row, usual[last]))
     return surface, held, *marked

@@ -18,8 +18,9 @@ apart log-likelihoods may be, at which share of its states a path must be possib
 of another material where it is hit next."""
 FAINT = 1e-3
 """Probability of an association below which it says nothing about coefficients."""
-AUDIBLE = 0.05
-"""Probability of detection below which a path alone doesn't update coefficients."""
+LEAST_SHARE = 0.05
+"""Probability of having caused a measurement from which on double bounces teach coefficients, and single ones
+that send nothing to cells do."""
 
 
 @ti.func
@@ -154,7 +155,7 @@ def learn(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     table: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [T] p_d over ``0, step, ...``
     radio: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 12] see `radio`
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `blocks.Cells`
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [8] see `blocks.Cells`
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2 or more] of the anchors
     rays_cast: pack(Drawn),
     messages: pack(Messages),
@@ -164,8 +165,8 @@ def learn(
     """Learn coefficients: of surfaces by single bounces, of cells by both ends of double bounces, too; and
     where surfaces were hit.
 
-    A window isn't the wall around it (docs/model.md, (M41)). A double bounce that can't be detected
-    updates neither.
+    A window isn't the wall around it (docs/model.md, (M41)). Misses of a double bounce teach nothing by
+    themselves: it updates cells only if it may have caused a measurement (docs/model.md, (M42)).
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -179,11 +180,11 @@ def learn(
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
         for row in range(messages.count[0]):
             bounces, last, first = messages.noted[row, 0], messages.noted[row, 1], messages.noted[row, 2]
-            audible = messages.summary[SHARE, row] > AUDIBLE
+            caused = messages.summary[SHARE, row] > LEAST_SHARE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
-            tells = (bounces == 1 and (audible or send)) or (bounces == 2 and audible and send)
+            tells = (bounces == 1 and (caused or send)) or (bounces == 2 and caused and send)
             for turn in range(bounces if tells else 0):  # the last bounce first
                 other = ti.f64(1.0)
                 if bounces == 2:
@@ -216,7 +217,7 @@ def learn_ratios(
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     ratio: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [L, 2, BINS] log-likelihoods over the coefficient at the
     # last and the first hit of every path
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [7] see `blocks.Cells`
+    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [8] see `blocks.Cells`
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2 or more] of the anchors
     rays_cast: pack(Drawn),
     messages: pack(Messages),
@@ -233,11 +234,11 @@ def learn_ratios(
         log = ti.Vector([0.0] * BINS, dt=ti.f64)
         for row in range(messages.count[0]):
             bounces, last = messages.noted[row, 0], messages.noted[row, 1]
-            audible = messages.summary[SHARE, row] > AUDIBLE
+            caused = messages.summary[SHARE, row] > LEAST_SHARE
             send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
-            if bounces == 1 and audible:
+            if bounces == 1 and caused:
                 most, total = ti.f64(-1e30), ti.f64(0.0)
                 for n in range(BINS):
                     most = ti.max(most, ratio[row, 0, n])
@@ -247,7 +248,7 @@ def learn_ratios(
                 for n in range(BINS):
                     before = known.surface[last, n]
                     known.surface[last, n] = before / total
-            if send and (bounces == 1 or (bounces == 2 and audible)):
+            if send and (bounces == 1 or (bounces == 2 and caused)):
                 for corner in range(bounces):  # after the anchor: the first hit, then the last
                     for n in range(BINS):
                         log[n] = ratio[row, bounces - 1 - corner, n]
