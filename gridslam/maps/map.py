@@ -31,7 +31,7 @@ class Map(MapCells):
     coefficient : (ny, nx, BINS) float32
         Log-likelihood of the reflection coefficient over `world.radio.REFLECTION_BINS`, 0 without hits.
     observed : (ny, nx) bool
-        Cells that some path crossed or met.
+        Cells of which some step told anything: its messages added up to more than 0.01.
     prior : float
         Prior occupancy of a crossed cell, ``1 - exp(-cell_m / mean_free_path_m)``.
     surfaces : SurfaceEstimate or None

@@ -112,7 +112,11 @@ class FilterModel:
 
     @cached_property
     def birth_rate(self) -> float:
-        """Births per anchor, step and unit of the lines (rad m) that cross the region."""
+        """Half the density of births over the lines that cross the circle about the region, per (rad m).
+
+        Per anchor and step, ``births / (4 pi R)``: lines have the density ``1 / (2 pi R)``, and the half is
+        that of the Jacobian ``z / 2 Delta`` from a line to distance and AoA; docs/model.md, (M32).
+        """
         return self.settings.births / (4 * np.pi * self.radius_m)
 
     def calibrated(self, turns: Array, higher: Array) -> Self:

@@ -190,7 +190,7 @@ def sum_up(born: ti.template(), proposal: ti.template(), measured: ti.template()
 @copying("mean")
 @ti.kernel
 def propose(
-    rate: ti.f64,  # births per anchor, step and unit of lines (rad m)
+    rate: ti.f64,  # half the density of births over lines: see `FilterModel.birth_rate`
     head: ti.i32,  # entry of the mean where the lines begin: see `layout`
     mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
     state: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [3 + 3 S (+ J), P] see `layout`

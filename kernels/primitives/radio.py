@@ -17,8 +17,8 @@ SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS, SENDER
     11,
 )
 """Columns of `RadioModel.numbers`, a row for each anchor: sigma_d times u; sigma_d if given, else 0;
-apertures of anchor and agent (2 each); longest distance; u at 1 m; number of samples; threshold; mean
-clutter; the anchor that sends: itself, or the one whose image in floor or ceiling it is."""
+apertures of anchor and agent (2 each); width of the window of distances; u at 1 m; number of samples;
+threshold; mean clutter; the anchor that sends: itself, or the one whose image in floor or ceiling it is."""
 FLOOR = -25.0
 """Log of the Rayleigh density that clutter has at least, or a ratio to it would overflow."""
 STEEPEST = 1 - 2.0**-10
@@ -27,10 +27,10 @@ TURN_SQUARED = 39.47841760435743
 
 
 @ti.func
-def angle_std(angle, across, along, amplitude):
+def angle_std(angle, along_x, along_y, amplitude):
     """sigma of an angle seen by an array with mean square extents (along x, along y), rad."""
     s, c = sin_of(angle), cos_of(angle)
-    return 1 / (8.885765876316732 * amplitude * ti.sqrt(ti.max(s * s * across + c * c * along, 1e-30)))
+    return 1 / (8.885765876316732 * amplitude * ti.sqrt(ti.max(s * s * along_x + c * c * along_y, 1e-30)))
 
 
 @ti.func

@@ -159,10 +159,11 @@ def weigh_pairs(
 
 @ti.func
 def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), row, k, drawn: ti.template()):
-    """Draw a path at a state as row of ``[L R, 13]``: corners (8), normals of last and first (4), possible.
+    """Draw a path at a state as row of ``[L R, 13]``: corners (8), normals (4), possible.
 
-    The first corner is the anchor, the last the agent, which repeats where there are fewer bounces. The
-    first normal belongs to the first interaction point. An impossible path collapses onto the anchor.
+    The first corner is the anchor, the last the agent, which repeats where there are fewer bounces. The first
+    normal is that of the surface hit first, the second of the one hit last. An impossible path collapses onto
+    the anchor.
     """
     at = row * state.shape[1] + k
     anchor = path[row, 3]

@@ -31,7 +31,7 @@ class Measured(Protocol):
 
     @property
     def measured(self) -> Array:
-        """Rows by measurement, (4 or more, M), as in `tables`."""
+        """Rows by measurement, (5, M), as in `tables`."""
         ...
 
 
@@ -81,9 +81,9 @@ def propose_births(
 
     If nobody told which anchor sent a measurement, each may have: one hypothesis for each of them.
 
-    Surfaces are born uniformly over all lines that cross the region (angle and offset): a measure that
-    doesn't depend on the frame. With a grid, births are weighed by V of their paths; without one every path
-    is open.
+    Surfaces are born uniformly over all lines (angle and offset) that cross the circle about the region: a
+    measure that doesn't depend on the frame. With a grid, births are weighed by V of their paths; without one
+    every path is open.
 
     Parameters
     ----------

@@ -51,5 +51,5 @@ def with_hits(bank: SurfaceBank, hits: Hits) -> SurfaceBank:
 
 
 def latest_hits(surfaces: int) -> NDArray[np.int32]:
-    """Scratch of the kernels that record hits: each surface's latest path."""
+    """Scratch of the kernels that record hits: the anchor that detected each surface last, in one launch."""
     return np.empty(surfaces, np.int32)

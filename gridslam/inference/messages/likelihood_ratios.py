@@ -73,7 +73,8 @@ class LikelihoodRatios:
     odds : (12, L)
         By path, rows as in `gridslam.kernels.primitives.tables`; the updates fill the last four, in a copy.
     message : (5, L, M)
-        By path and measurement, rows as in `tables`; the association fills the last three, in a copy.
+        By path and measurement, rows as in `tables`; the association fills `CLAIM` and `NU`, the correction
+        `RESPONSIBLE`, in a copy.
     measured : (5, M)
         By measurement, rows as in `tables`; births and updates fill the last three, in copies.
     """

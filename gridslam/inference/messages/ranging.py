@@ -253,9 +253,9 @@ def expected(
 ) -> tuple[Array, Array]:
     """Expected number of new images per measurement, over clutter, and likelihood of every bearing.
 
-    As for births with angles, surfaces are born uniformly over all lines that cross the region, `births` per
-    anchor and step: uniform in angle and offset, so that an image at distance s from its anchor has density
-    ``births / (4 pi radius s)`` per square metre.
+    As for births with angles, surfaces are born uniformly over all lines that cross the circle about the
+    region, `births` per anchor and step: uniform in angle and offset, so that an image at distance s from
+    its anchor has density ``births / (4 pi radius s)`` per square metre.
 
     Returns
     -------

@@ -26,7 +26,7 @@ class Grid:
     evidence : (ny, nx) float64
         Log odds of occupancy without the prior, 0 where nothing was learned.
     observed : (ny, nx) bool
-        Cells that some path crossed or met.
+        Cells to which the messages of some step added up to more than 0.01, `occupancy.TOUCHED`.
     row : (ny, nx) int32
         A cell's row in the table; `NEVER_HIT` for none.
     hit : (H, BINS) float32

@@ -39,7 +39,7 @@ class Polylines:
 
 
 def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
-    """Draw rays from anchors (J, 3: x, y, orientation) to all states of a cloud."""
+    """Draw rays from anchors (J, 6), as in `FilterModel.places`, to all states of a cloud."""
     runtime.start()
     from gridslam.kernels.propagation.paths import polylines
 
