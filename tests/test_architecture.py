@@ -216,6 +216,11 @@ def test_no_system_inherits_from_another():
     assert not [(a, b) for a in classes for b in classes if a is not b and issubclass(a, b)]
 
 
+def test_one_function_says_what_is_declared_to_exist():
+    users = {name for name, file in modules().items() if ".detect_above" in file.read_text("utf-8")}
+    assert users == {"gridslam.world.filter_model"}
+
+
 MOST_ARGUMENTS = 12
 LONG = {"gridslam.measurements.recording.from_arrays": "a column of a user's recording each, as in its file"}
 """Functions that may take more, and why."""

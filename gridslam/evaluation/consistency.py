@@ -17,6 +17,7 @@ from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
 from gridslam.evaluation.surface_truth import AudibleSurfaces, assigned_error
 from gridslam.simulation.image_source import TruePaths, Truth
+from gridslam.world.filter_model import detected
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.scene import Scene
 
@@ -152,7 +153,7 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
     image, place = np.zeros(count), truth.trajectory
     for step, estimate in enumerate(estimates):
         chance = estimate.paths.existence
-        believed = chance > scene.filter.detect_above
+        believed = detected(chance, scene.filter)
         owner = estimate.paths.anchor[believed]
         rays[:, step] = np.bincount(owner, minlength=len(rays))
         belief[:, step] = np.bincount(owner, chance[believed], len(rays))

@@ -13,6 +13,7 @@ from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
 from gridslam.wording import counted
+from gridslam.world.filter_model import detected
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
 from gridslam.world.trajectory import Trajectory
@@ -153,7 +154,7 @@ class Run:
         from gridslam.systems.registry import kind_of, maps_features
 
         track = self._own_track(truth, earlier)
-        found = self.surfaces.take(self.surfaces.existence > self.scene.filter.detect_above)
+        found = self.surfaces.take(detected(self.surfaces.existence, self.scene.filter))
         maps_surfaces = self.map.surfaces is not None or len(found) > 0
         scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
             "steps": len(self.trajectory),

@@ -64,6 +64,7 @@ from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
 from gridslam.systems.signal_front import SignalFilter
 from gridslam.systems.soundness import require_sound_weights
+from gridslam.world.filter_model import detected
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
@@ -237,7 +238,7 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
         table = image_surfaces(state, self.model)
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), heading, covariance, table,
-            image_paths(state, self.model, heading), table.existence > self.model.settings.detect_above,
+            image_paths(state, self.model, heading), detected(table.existence, self.model.settings),
             np.nan, time.perf_counter() - began, info.health, image_hypotheses(population),
             rings=image_rings(state),
         )  # fmt: skip
@@ -245,7 +246,7 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
     def map(self) -> Map:
         """The map as it stands: surfaces behind images, and a grid of which nothing was observed."""
         table = image_surfaces(self.state, self.model)
-        found, blank = table.existence > self.model.settings.detect_above, Map.of_scene(self.scene)
+        found, blank = detected(table.existence, self.model.settings), Map.of_scene(self.scene)
         uniform = np.full((int(found.sum()), len(REFLECTION_BINS)), 1 / len(REFLECTION_BINS))
         sheet = dataclasses.replace(
             blank, surfaces=table.take(found), surface_reflection=uniform, provenance=self.latest()

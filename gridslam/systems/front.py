@@ -34,7 +34,7 @@ from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
 from gridslam.systems.filter_front import FilterFront, Moment
 from gridslam.systems.soundness import require_sound_population
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.geometry import wrap
 from gridslam.world.network_scene import require_known_clocks
 from gridslam.world.observation import Observation
@@ -116,7 +116,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         """The map as it stands: detected surfaces, and what was handed down or is left over."""
         state = unparked(self.state)
         table = surface_estimate(state, work=self.work)
-        found = table.existence > self.model.settings.detect_above
+        found = detected(table.existence, self.model.settings)
         joint = lines_covariance(state.belief, found)
         sheet = bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
         levels = () if state.levels is None else zip(self.model.level_names, state.levels, strict=True)
@@ -151,7 +151,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         return Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[HEADING])),
             covariance, table, paths,
-            table.existence > model.settings.detect_above, info.health.effective_sample_size,
+            detected(table.existence, model.settings), info.health.effective_sample_size,
             time.perf_counter() - began, info.health, described(population), self._heights(state),
             coefficients=self._coefficients(state),
         )  # fmt: skip

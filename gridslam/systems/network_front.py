@@ -22,7 +22,7 @@ from gridslam.maps.map import Map
 from gridslam.systems.filter_front import FilterFront
 from gridslam.systems.front import bare_map
 from gridslam.systems.network_soundness import require_sound_networks
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
 from gridslam.world.network_scene import network_model, require_agents
@@ -142,6 +142,6 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
         state = self.state
         table = surface_estimate(state.part(0), work=self.work[0])
-        found = (table.existence > self.model.settings.detect_above) & (state.surfaces.seen >= CONFIRMED)
+        found = detected(table.existence, self.model.settings) & (state.surfaces.seen >= CONFIRMED)
         joint = lines_covariance(state.belief, found)
         return bare_map(self, table.take(found), state.surfaces.reflection[found], joint)

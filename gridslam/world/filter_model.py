@@ -131,6 +131,19 @@ class FilterModel:
         return replace(self, anchors=anchors, higher=fixed(higher.copy()))
 
 
+def detected(existence: Array, settings: FilterSettings) -> NDArray[np.bool_]:
+    """Which surfaces, images or rays are declared to exist: [Li2026grid], section III-F.
+
+    Parameters
+    ----------
+    existence : (S,)
+        Probability of each.
+    settings : FilterSettings
+        Above whose `detect_above` they are.
+    """
+    return existence > settings.detect_above
+
+
 def fixed(array: Array) -> Array:
     """The array, read-only from now on."""
     array.setflags(write=False)

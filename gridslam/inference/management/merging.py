@@ -16,7 +16,8 @@ from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.belief import Belief, keep, update
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, detected
+from gridslam.world.scene_parts import FilterSettings
 
 MOST_SURFACES = 24
 CONFIRMED = ((60, 8), (25, 6), (5, 2))
@@ -154,11 +155,11 @@ def merge_and_prune(
     bank, belief = prune(bank, belief, model.settings.prune_below, most)
     monitor = state.monitor
     if most is not None and len(bank) == most < len(before):
-        monitor = replace(monitor, dropped=dropped(before, bank, model.settings.detect_above))
+        monitor = replace(monitor, dropped=dropped(before, bank, model.settings))
     return replace(state, surfaces=bank, belief=belief, monitor=monitor)
 
 
-def dropped(before: SurfaceBank, after: SurfaceBank, sure: float) -> int:
+def dropped(before: SurfaceBank, after: SurfaceBank, settings: FilterSettings) -> int:
     """How many surfaces that were believed in are no longer there."""
     gone = ~np.isin(before.identity, after.identity)
-    return int(np.count_nonzero(gone & (before.existence > sure)))
+    return int(np.count_nonzero(gone & detected(before.existence, settings)))

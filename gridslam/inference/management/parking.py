@@ -16,7 +16,7 @@ from gridslam.inference.management.merging import MOST_SURFACES
 from gridslam.inference.state.arrangement import arranged, lasting, without
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.state import State
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.geometry import unit, wrap
 
 NEARBY_M, FARTHER_M = 1.0, 2.0
@@ -77,7 +77,7 @@ def park(recalled: State, state: State, model: FilterModel) -> State:
     bank = state.surfaces
     if len(state.every_existence) <= MOST_SURFACES:
         return state
-    sure = bank.existence > model.settings.detect_above
+    sure = detected(bank.existence, model.settings)
     away = hidden(state, model)
     stay = np.flatnonzero(~away)
     beyond = stay[np.argsort(-bank.existence[stay], kind="stable")[MOST_SURFACES:]]
@@ -95,7 +95,7 @@ def park(recalled: State, state: State, model: FilterModel) -> State:
 def settled(state: State, model: FilterModel) -> NDArray[np.bool_]:
     """Which surfaces of the joint belief are believed in and confirmed, (S,)."""
     bank = state.surfaces
-    return (bank.existence > model.settings.detect_above) & (bank.seen >= OFTEN)
+    return detected(bank.existence, model.settings) & (bank.seen >= OFTEN)
 
 
 def out_of_reach(state: State, asked: NDArray[np.bool_], model: FilterModel) -> NDArray[np.bool_]:

@@ -32,6 +32,7 @@ from gridslam.inference.state.published.feature_particles import Features, Parti
 from gridslam.maps.map import Map
 from gridslam.systems.direct import require_single_antennas
 from gridslam.systems.signal_front import SignalFilter
+from gridslam.world.filter_model import detected
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -130,7 +131,7 @@ class PublishedDirectSlam(SignalFilter[ParticleState]):
         table = feature_surfaces(state.features, self.model.anchor_positions)
         return Estimate(
             scan.step, scan.time_s, mean[:2], mean[2:], float(np.arctan2(mean[3], mean[2])), whole, table,
-            PathEstimate.empty(), table.existence > self.model.settings.detect_above, np.nan,
+            PathEstimate.empty(), detected(table.existence, self.model.settings), np.nan,
             time.perf_counter() - began,
         )  # fmt: skip
 

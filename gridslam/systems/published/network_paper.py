@@ -35,6 +35,7 @@ from gridslam.systems.front import bare_map
 from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.published.soundness import require_sound_network
 from gridslam.world.clocks import NS
+from gridslam.world.filter_model import detected
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
 from gridslam.world.radio import BINS, SPEED_OF_LIGHT
@@ -119,8 +120,8 @@ class PublishedNetworkSlam(NetworkFront[NetworkParticleState]):
         state: NetworkParticleState = believed
         model = self.model
         table = feature_surfaces(state.features, model.anchor_positions)
-        detected = table.existence > model.settings.detect_above
-        sure = state.features.take(detected)
+        found = detected(table.existence, model.settings)
+        sure = state.features.take(found)
         agents, labels = dict[str, Estimate | None](), dict[str, NDArray[np.intp]]()
         for number, (name, anchor_scan, given) in enumerate(
             zip(model.names, scan.scans, info.given, strict=True)
@@ -132,7 +133,7 @@ class PublishedNetworkSlam(NetworkFront[NetworkParticleState]):
             paths = feature_paths(sure, mean, model.anchors)
             agents[name] = Estimate(
                 scan.step, scan.time_s, mean[:2], mean[2:4], float(mean[4]), covariance, table, paths,
-                detected, float(state.agents.shape[1]), time.perf_counter() - began,
+                found, float(state.agents.shape[1]), time.perf_counter() - began,
             )  # fmt: skip
             labels[name] = given
         offsets = np.concatenate([state.clocks, state.agents[:, :, CLOCK]])
@@ -146,5 +147,5 @@ class PublishedNetworkSlam(NetworkFront[NetworkParticleState]):
     def map(self) -> Map:
         """The map as it stands: surfaces of detected virtual anchors, and an unobserved grid."""
         table = feature_surfaces(self.state.features, self.model.anchor_positions)
-        found = table.take(table.existence > self.model.settings.detect_above)
+        found = table.take(detected(table.existence, self.model.settings))
         return bare_map(self, found, np.full((len(found), BINS), 1 / BINS))

@@ -37,7 +37,7 @@ from gridslam.maps.map import Map
 from gridslam.systems.filter_front import FilterFront
 from gridslam.systems.front import bare_map
 from gridslam.systems.published.soundness import require_sound_particles
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.network_scene import require_known_clocks
 from gridslam.world.radio import BINS
 from gridslam.world.scan import Scan
@@ -142,12 +142,12 @@ class PublishedVirtualAnchorSlam(FilterFront[Scan, ImageState]):
         paths = feature_paths(state.features, mean, self.model.anchors)
         return Estimate(
             scan.step, scan.time_s, mean[:2], mean[2:4], float(mean[4]), covariance, table, paths,
-            table.existence > self.model.settings.detect_above, float(len(state.agent)),
+            detected(table.existence, self.model.settings), float(len(state.agent)),
             time.perf_counter() - began,
         )  # fmt: skip
 
     def map(self) -> Map:
         """The map as it stands: surfaces of detected virtual anchors, and an unobserved grid."""
         table = feature_surfaces(self.state.features, self.model.anchor_positions)
-        found = table.take(table.existence > self.model.settings.detect_above)
+        found = table.take(detected(table.existence, self.model.settings))
         return bare_map(self, found, np.full((len(found), BINS), 1 / BINS))

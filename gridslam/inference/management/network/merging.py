@@ -37,7 +37,7 @@ def merge_and_prune_shared(
         bank, belief = drop_ghosts(bank, belief, np.tile(one.anchor_positions, (len(model.agents), 1)))
     before = bank
     bank, belief = prune(bank, belief, one.settings.prune_below, most)
-    crowded = dropped(before, bank, one.settings.detect_above) if len(bank) == most < len(before) else 0
+    crowded = dropped(before, bank, one.settings) if len(bank) == most < len(before) else 0
     if crowded:
         infos = [None if info is None else info.doubted(left_out(crowded)) for info in infos]
     records = tuple(

@@ -20,6 +20,7 @@ from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.filter_model import detected
 from gridslam.world.geometry import wrap
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -105,7 +106,7 @@ def _of_agent(
     if state.grid is None:  # with a grid, amplitudes follow from coefficients
         strength = partial(mean_amplitudes, part, signal=own.radio)
     table, paths = estimates(part, own, own.radio.amplitude_at_1m * info.gain, strength, work=work)
-    sure = (table.existence > own.settings.detect_above) & (part.surfaces.seen >= CONFIRMED)
+    sure = detected(table.existence, own.settings) & (part.surfaces.seen >= CONFIRMED)
     return Estimate(
         scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[HEADING])),
         covariance[pose, pose].copy(), table, paths, sure, info.health.effective_sample_size,
