@@ -24,7 +24,7 @@ UNMEASURED = 1e12
 FAINTEST = 0.3
 """Amplitude below which accuracy is taken to get no worse: nothing fainter is detected."""
 
-OFTEN = 10
+REPLACES = 10
 """Detections from which on a surface may take a ghost's place."""
 
 OFTENER = 2
@@ -33,6 +33,15 @@ are found."""
 
 SEEN_ELSEWHERE = 0.3
 """Existence of another anchor's ray at which a surface isn't a ghost; below it for all, it is silent."""
+
+SAME_LINE, SAME_LINE_SLACK = 9.0, (1e-4, 2.5e-5)
+"""Squared deviations up to which two lines are one; variances of gap (m^2), turn (rad^2) always allowed."""
+
+LIKELIER_THAN_NOT = 0.5
+"""Probability of having caused a measurement above which a path is held to have done so."""
+
+LEAST_SENDING = 0.1
+"""Probability of its ray and surfaces from which on a path sends to cells."""
 
 USUAL_REFLECTION = 0.7
 """Coefficient of a known surface, where no better one is at hand."""

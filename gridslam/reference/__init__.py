@@ -4,7 +4,16 @@ Each takes what its kernel takes and returns what that writes, worked out anothe
 """
 
 from gridslam.reference.births import initialise_surface, likely, propose, weigh_by_visibility
-from gridslam.reference.cells import cast, cells_of, dense, fold_messages, learn, learn_ratios, mark, recall
+from gridslam.reference.cells import (
+    cast,
+    cells_of,
+    coefficient_product,
+    dense,
+    fold_messages,
+    learn,
+    learn_ratios,
+    mark,
+)
 from gridslam.reference.distances import climb_distances
 from gridslam.reference.faint_births import bear_out
 from gridslam.reference.feature_likelihood import (
@@ -38,6 +47,7 @@ __all__ = [
     "climb",
     "climb_distances",
     "climb_features",
+    "coefficient_product",
     "columns",
     "correct",
     "dense",
@@ -71,7 +81,6 @@ __all__ = [
     "predict",
     "prepare",
     "propose",
-    "recall",
     "respond",
     "superpose",
     "tall",

@@ -112,10 +112,10 @@ def _message(validity: Array, worth: float) -> Array:
     return validity * worth + 1 - validity
 
 
-def recall(
+def coefficient_product(
     drawn: Array, path: Whole, where: Whole, held: Array, surface: Array, frame: Array, other: float
 ) -> Array:
-    """Twin of `coefficients.recall`: beliefs over products of coefficients, (L, 2 BINS)."""
+    """Twin of `coefficients.coefficient_product`: beliefs over products of coefficients, (L, 2 BINS)."""
     bins, rays = surface.shape[1], len(drawn) // max(len(path), 1)
     centre, held = (np.arange(bins) + 0.5) / bins, dense(where, held)
     belief = np.zeros((len(path), 2 * bins))

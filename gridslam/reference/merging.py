@@ -10,7 +10,7 @@ from gridslam.inference.state.layout import AGENT, StateLayout
 from gridslam.world.geometry import mirror, mirror_derivative, unit, wrap
 
 Whole = NDArray[np.int64]
-SURE, OFTEN, SHARP_M = 0.9, 10, 0.1
+SURE, REPLACES, SHARP_M = 0.9, 10, 0.1
 """Existence, detections and deviation of the offset from which on a surface may take another's place."""
 OFTENER = 2
 """How many times as often as the ghost each of the two was seen: a ghost goes silent when they are found."""
@@ -61,7 +61,7 @@ def find_ghosts(
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `merging.find_ghosts`: which surfaces are ghosts, (S,)."""
     variance = covariance[head + 1 :: 2, head + 1 :: 2].diagonal()
-    sure = np.flatnonzero((surface > SURE) & (seen >= OFTEN) & (variance < SHARP_M**2))
+    sure = np.flatnonzero((surface > SURE) & (seen >= REPLACES) & (variance < SHARP_M**2))
     last, first = (a.ravel() for a in np.meshgrid(sure, sure, indexing="ij"))
     last, first = last[last != first], first[last != first]
     if not len(last):

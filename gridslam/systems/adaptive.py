@@ -17,7 +17,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
-from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers, unclaimed
+from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.ray_amplitudes import (
@@ -68,7 +68,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         ratios = weigh_elevations(state, anchor_scan, paths, ratios, radio, model)  # (M302)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
         births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, work=work)
-        births, ratios = recall_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
+        births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
         births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
         state, exchange = form.update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, reckoned.turned, model, work=work

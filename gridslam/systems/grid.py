@@ -17,7 +17,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.cells import cast_messages, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
-from gridslam.inference.messages.faint_births import recall_leftovers, remember_leftovers, unclaimed
+from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.reflection import reflected, update_coefficients
@@ -74,7 +74,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         births, ratios = propose_births(  # eq. (11)
             state, anchor_scan, cloud, ratios, radio, model, work=work
         )
-        births, ratios = recall_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
+        births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
         births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
         state, exchange = form.update_surfaces_and_agent(  # (M26) to (M31)
             state, anchor_scan, paths, ratios, reckoned.turned, model, work=work

@@ -24,7 +24,7 @@ from gridslam.kernels.primitives.radio import (
     FALSE_ALARMS,
     SAMPLES,
     clutter_of,
-    detected,
+    detection_of,
     lean_of,
     log_rician,
 )
@@ -171,7 +171,7 @@ def hear(
     length = length_of(upright(line), place_of(anchors.places, j), left.pose[back, 0], left.pose[back, 1])
     unit = anchors.radio[j, AT_1M] / ti.max(length, 1e-3) / BINS
     for n in range(BINS):
-        missed = ti.max(1 - detected(chance, step, unit * (n + 0.5)), LEAST_DOUBT)
+        missed = ti.max(1 - detection_of(unit * (n + 0.5), chance, step), LEAST_DOUBT)
         product[row, SILENT, n] = product[row, EITHER, n] = missed if length > 0 else 1.0
     for h in range(left.begin[back], left.begin[back + 1]):
         if left.rows[h, 0] == j and length > 0 and ti.abs(left.rows[h, 1] - length) < NEAR_M:

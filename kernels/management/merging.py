@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import OFTEN, OFTENER, SEEN_ELSEWHERE
+from gridslam.kernels import OFTENER, REPLACES, SAME_LINE, SAME_LINE_SLACK, SEEN_ELSEWHERE
 from gridslam.kernels.primitives.functions import PI, cos_of, dot, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
 from gridslam.kernels.primitives.launching import copying
@@ -10,8 +10,6 @@ from gridslam.kernels.primitives.layout import line_entry
 
 ALIKE = 0.5
 """Turn (rad) and gap (m) within which two surfaces may be one."""
-SLACK, LIKELY = (1e-4, 2.5e-5), 9.0
-"""Variances of gap and turn that are always allowed; squared distance up to which they are one."""
 SURE, SHARP_M = 0.9, 0.1
 """Existence and deviation of the offset from which on a surface may take another's place."""
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0
@@ -66,9 +64,10 @@ def find_duplicates(
                                 for i in ti.static(range(2)):
                                     for j in ti.static(range(2)):
                                         spread[i, j] += slope[i, p] * shared * slope[j, q]
-                        a, b, c = spread[0, 0] + SLACK[0], spread[0, 1], spread[1, 1] + SLACK[1]
+                        a, b = spread[0, 0] + SAME_LINE_SLACK[0], spread[0, 1]
+                        c = spread[1, 1] + SAME_LINE_SLACK[1]
                         square = c * gap * gap - 2 * b * gap * turn + a * turn * turn
-                        if square < LIKELY * (a * c - b * b):
+                        if square < SAME_LINE * (a * c - b * b):
                             found[0], found[1] = o, y
                             for i in ti.static(range(2)):
                                 for j in ti.static(range(4)):
@@ -112,7 +111,7 @@ def find_ghosts(
 def fit_for_it(s, covariance: ti.template(), head, surface: ti.template(), seen: ti.template()):
     """Whether a surface may take another's place."""
     offset = line_entry(head, s) + 1
-    return surface[s] > SURE and seen[s] >= OFTEN and covariance[offset, offset] < SHARP_M * SHARP_M
+    return surface[s] > SURE and seen[s] >= REPLACES and covariance[offset, offset] < SHARP_M * SHARP_M
 
 
 @ti.func

@@ -50,7 +50,7 @@ from gridslam.kernels.primitives.functions import (
 )
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.radio import detected, log_rician
+from gridslam.kernels.primitives.radio import detection_of, log_rician
 
 LEAST, MOST, MOST_RATIO = -45.0, 60.0, 1.1420073898156842e26
 """Logs of the least ratio of one measurement to clutter that is worked out, and of the largest; and that."""
@@ -70,7 +70,7 @@ def ratio_of(clues: ti.template(), a, step, m, log, length, coefficient):
             measured, samples = clues.measured[m, AMPLITUDE], clues.listener[a, SAMPLES]
             log += log_rician(measured, ti.max(amplitude, 1e-6), samples)
         else:
-            log += logarithm_of(ti.max(detected(clues.chance, step, amplitude), 1e-12))
+            log += logarithm_of(ti.max(detection_of(amplitude, clues.chance, step), 1e-12))
         ratio = decay_of(ti.min(log, MOST))
     return ratio
 
@@ -150,12 +150,12 @@ def score_poses(
                 length = slant_of(ax * ax + ay * ay, clues.listener[a, HEIGHT])
                 leaving, back = bearing_of(ax, ay), bearing_of(-ax, -ay)
                 at_1m = clues.listener[a, AT_1M]
-                total -= in_sight * detected(clues.chance, step, at_1m / ti.max(length, 1e-3))
+                total -= in_sight * detection_of(at_1m / ti.max(length, 1e-3), clues.chance, step)
                 for k in range(clues.own[a, KNOWN_FROM], clues.own[a, KNOWN_TO]):
                     over = known_length(clues, a, k, x, y)
                     if over > 0:
                         level = at_1m * clues.known[k, COEFFICIENT] / ti.max(over, 1e-3)
-                        total -= clues.known[k, CHANCE] * detected(clues.chance, step, level)
+                        total -= clues.known[k, CHANCE] * detection_of(level, clues.chance, step)
                 for m in range(clues.own[a, SCAN_FROM], clues.own[a, SCAN_TO]):
                     ratio = straight(clues, a, step, m, heading, leaving, back, length)
                     if length < clues.measured[m, DISTANCE]:  # or the point of reflection isn't between

@@ -16,7 +16,7 @@ from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import BLOCK, draw_block
 from gridslam.kernels.primitives.radio import SENDER, SPAN, deviations_of, lean_of
 from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, QUIET
-from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, weigh, worth_of
+from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, prior_existence, weigh
 from gridslam.kernels.propagation.paths import densities
 
 ROOT_TURN = 2.5066282746310002
@@ -46,7 +46,7 @@ def gate(
         for m in range(scan.shape[0]):
             ratio = scratch.strength[0, row, m]
             own = scan[m, LABEL] < 0 or scan[m, LABEL] == radio[anchor, SENDER]
-            if own and ratio > 0 and worth_of(ratios.odds, row) > NEGLIGIBLE:
+            if own and ratio > 0 and prior_existence(ratios.odds, row) > NEGLIGIBLE:
                 amplitude = ti.max(scratch.strength[1, row, m], FAINTEST)
                 lean = lean_of(rows.predicted[row, LENGTH], places[anchor, HEIGHT])
                 std = deviations_of(

@@ -15,7 +15,7 @@ from gridslam.kernels.primitives.launching import quick
 
 LANES = 16
 """Particles that are worked on side by side."""
-OFTEN = 8
+PIVOTS = 8
 """Rows of a root whose pivots are multiplied before their logarithm is taken."""
 FEW, MANY = 0xFFFF, 0xFFFFFF
 """Bits of numbers of rows, and of entries."""
@@ -38,7 +38,7 @@ def weigh_particles(
     # there is more than noise
     work: ti.types.ndarray(dtype=Side, ndim=1),  # [C, N parts + 2, D + N parts] scratch
     explained: ti.types.ndarray(dtype=Side, ndim=1),  # [B] out: power of the samples that the paths explain
-    pivots: ti.types.ndarray(dtype=Side, ndim=1),  # [N parts / OFTEN, B] out: products of pivots of the root
+    pivots: ti.types.ndarray(dtype=Side, ndim=1),  # [N parts / PIVOTS, B] out: products of pivots of the root
 ):
     """Root of the paths' covariance in their own space, and the samples solved by it, at each particle."""
     for chunk in range(sizes[5]):
@@ -93,8 +93,8 @@ def weigh_particles(
                     work[at + wide] = ba
                     work[at + wide + 1] = 1 / ti.sqrt(bb)
                     pivot *= aa * bb
-                    if n % OFTEN == OFTEN - 2 or n == count - 2:
-                        pivots[n // OFTEN * sizes[6] + block] = pivot
+                    if n % PIVOTS == PIVOTS - 2 or n == count - 2:
+                        pivots[n // PIVOTS * sizes[6] + block] = pivot
                         pivot = ti.Vector.one(ti.f64, LANES)
             found, last = ti.Vector.zero(ti.f64, LANES), (start + count * wide) & MANY
             for i in range(base, wide):

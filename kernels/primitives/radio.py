@@ -4,7 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.primitives.functions import cos_of, decay_of, logarithm_of, sin_of
 
-SCALE, GIVEN, THERE, HERE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS, SENDER = (
+SCALE, GIVEN, ANCHOR_APERTURE, AGENT_APERTURE, SPAN, AT_1M, SAMPLES, THRESHOLD, FALSE_ALARMS, SENDER = (
     0,
     1,
     2,
@@ -46,8 +46,9 @@ def deviations_of(radio: ti.template(), anchor, amplitude, departure, arrival, l
     std = ti.Vector([radio[anchor, SCALE] / amplitude, 0.0, 0.0], dt=ti.f64)
     if radio[anchor, GIVEN] > 0:
         std[0] = radio[anchor, GIVEN]
-    std[1] = angle_std(departure, radio[anchor, THERE], radio[anchor, THERE + 1], amplitude) / lean
-    std[2] = angle_std(arrival, radio[anchor, HERE], radio[anchor, HERE + 1], amplitude) / lean
+    there, here = ti.static(ANCHOR_APERTURE, AGENT_APERTURE)
+    std[1] = angle_std(departure, radio[anchor, there], radio[anchor, there + 1], amplitude) / lean
+    std[2] = angle_std(arrival, radio[anchor, here], radio[anchor, here + 1], amplitude) / lean
     return std
 
 
@@ -98,9 +99,8 @@ def clutter_of(radio: ti.template(), anchor, amplitude):
 
 
 @ti.func
-def detected(chance: ti.template(), step, amplitude):
-    """p_d(u) by interpolation in a table from u = 0 on; beyond its end it is that of the end."""
-    last = chance.shape[0] - 1
-    place = ti.min(amplitude / step, ti.cast(last, ti.f64))
-    row = ti.min(ti.cast(place, ti.i32), last - 1)
-    return chance[row] + (place - row) * (chance[row + 1] - chance[row])
+def detection_of(amplitude, table: ti.template(), step):
+    """p_d(u), interpolated in a table over ``0, step, ...``; beyond its end it is that of the end."""
+    place = ti.max(ti.min(amplitude / step, table.shape[0] - 1.0), 0.0)
+    low = ti.min(ti.cast(place, ti.i32), table.shape[0] - 2)
+    return table[low] + (place - low) * (table[low + 1] - table[low])

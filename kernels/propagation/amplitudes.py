@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels.primitives.radio import FALSE_ALARMS, SAMPLES, clutter_of, rician
+from gridslam.kernels.primitives.radio import FALSE_ALARMS, SAMPLES, clutter_of, detection_of, rician
 from gridslam.kernels.primitives.tables import ANCHOR, DETECTED, EXISTENCE, LENGTH, OPEN, SURFACES
 
 NEGLIGIBLE = 1e-6
@@ -12,15 +12,7 @@ NEVER = 1e-30
 
 
 @ti.func
-def detection_of(amplitude, table: ti.template(), step):
-    """p_d(u), interpolated in a table over ``0, step, ...``."""
-    place = ti.max(ti.min(amplitude / step, table.shape[0] - 1.0), 0.0)
-    low = ti.min(ti.cast(place, ti.i32), table.shape[0] - 2)
-    return table[low] + (place - low) * (table[low + 1] - table[low])
-
-
-@ti.func
-def worth_of(odds: ti.template(), row):
+def prior_existence(odds: ti.template(), row):
     """Prior probability that a path is there."""
     return odds[EXISTENCE, row] * odds[SURFACES, row] * odds[OPEN, row]
 
@@ -62,7 +54,7 @@ def weigh(
         odds[DETECTED, row] = seen
         for m in range(scan.shape[0]):
             total, mean = 0 * one, 0 * one
-            if worth_of(odds, row) > NEGLIGIBLE:
+            if prior_existence(odds, row) > NEGLIGIBLE:
                 if scan[m, 6] < 0:
                     total, mean = seen, both
                 elif scan[m, 3] >= 0:

@@ -29,7 +29,7 @@ from gridslam.kernels.propagation.bundles import (
     split,
     step_of,
 )
-from gridslam.kernels.propagation.coefficients import recall
+from gridslam.kernels.propagation.coefficients import coefficient_product
 from gridslam.kernels.propagation.occupancy import CELL_BITS
 from gridslam.kernels.propagation.paths import draw_path
 from gridslam.kernels.propagation.rays import list_and_predict
@@ -106,7 +106,7 @@ def cast(
     casting: pack(Casting),
     slabs: pack(Slabs),
 ):
-    """Look ahead; cast the rays of all paths; add the log ratios to `message` of those that are to send.
+    """List and predict paths; cast the rays of all; add the log ratios to `message` of those that send.
 
     Nothing is cast if no root of the covariance was found.
     A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
@@ -272,7 +272,7 @@ def cast(
                 for n in ti.static(range(4)):
                     casting.seen[row, 2 + n] = middle[n]
                 if casting.products.shape[0] > 0:
-                    recall(
+                    coefficient_product(
                         casting.drawn,
                         listed.path,
                         grid.where,

@@ -2,15 +2,15 @@
 
 import taichi as ti
 
+from gridslam.kernels import LIKELIER_THAN_NOT
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits, Messages
 from gridslam.kernels.primitives.functions import decay_of, logarithm_of
 from gridslam.kernels.primitives.launching import copying, quick
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, log_rician
-from gridslam.kernels.propagation.amplitudes import detection_of
+from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, detection_of, log_rician
 from gridslam.kernels.propagation.bundles import cell_of
-from gridslam.kernels.propagation.detections import LIKELIER_THAN_NOT, place_again, spot
-from gridslam.kernels.propagation.path_messages import CHANCE, LENGTH, SHARE, THERE
+from gridslam.kernels.propagation.detections import place_again, spot
+from gridslam.kernels.propagation.path_messages import CHANCE, LENGTH, SHARE, SURFACES
 
 BINS, CLIP, LEAST, OTHER = 20, 4, 5, 6
 """Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says how far
@@ -54,7 +54,7 @@ def local_belief(
 
 
 @ti.func
-def recall(
+def coefficient_product(
     drawn: ti.template(), path: ti.template(), where: ti.template(), held: ti.template(),
     surface: ti.template(), frame: ti.template(), row, rays, belief: ti.template(),
 ):  # fmt: skip
@@ -205,7 +205,7 @@ def learn(
                         known.surface[last, n] = before / total
                 if send:
                     add_to_cells(
-                        log, messages.summary[THERE, row], rays_cast.drawn, known.where, known.held,
+                        log, messages.summary[SURFACES, row], rays_cast.drawn, known.where, known.held,
                         known.used, frame, row, rays, bounces - turn,
                     )  # fmt: skip
 
@@ -253,6 +253,6 @@ def learn_ratios(
                     for n in range(BINS):
                         log[n] = ratio[row, bounces - 1 - corner, n]
                     add_to_cells(
-                        log, messages.summary[THERE, row], rays_cast.drawn, known.where, known.held,
+                        log, messages.summary[SURFACES, row], rays_cast.drawn, known.where, known.held,
                         known.used, frame, row, rays, corner + 1,
                     )  # fmt: skip

@@ -2,14 +2,13 @@
 
 import taichi as ti
 
+from gridslam.kernels import LIKELIER_THAN_NOT
 from gridslam.kernels.primitives.blocks import Hits
 from gridslam.kernels.primitives.functions import cos_of, mirrored, sin_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import line_entry
 from gridslam.kernels.primitives.packing import pack
 
-LIKELIER_THAN_NOT = 0.5
-"""Probability of having caused a measurement above which a path shows that its surfaces are there."""
 NEAR_M = 1e-9
 """A path from a line to it again is reflected anywhere."""
 EXPONENT, NO_NUMBER = 52, 0x7FF

@@ -25,7 +25,15 @@ from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import anchor_of, unknown_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import ready
-from gridslam.kernels.primitives.radio import GIVEN, HERE, SCALE, SENDER, THERE, THRESHOLD, lean_of
+from gridslam.kernels.primitives.radio import (
+    AGENT_APERTURE,
+    ANCHOR_APERTURE,
+    GIVEN,
+    SCALE,
+    SENDER,
+    THRESHOLD,
+    lean_of,
+)
 from gridslam.kernels.primitives.tables import LABEL
 
 STRONG = 0.3
@@ -103,8 +111,8 @@ def list_paths(
 @ti.func
 def lies_near(m, value, spread, lean, scan: ti.template(), radio: ti.template(), anchor):
     """Whether a measurement lies where a path is predicted. Which way an array faces doesn't matter here."""
-    there = 0.5 * (radio[anchor, THERE] + radio[anchor, THERE + 1])
-    here = 0.5 * (radio[anchor, HERE] + radio[anchor, HERE + 1])
+    there = 0.5 * (radio[anchor, ANCHOR_APERTURE] + radio[anchor, ANCHOR_APERTURE + 1])
+    here = 0.5 * (radio[anchor, AGENT_APERTURE] + radio[anchor, AGENT_APERTURE + 1])
     amplitude = scan[m, 6] if scan[m, 6] >= 0 else radio[anchor, THRESHOLD]
     far = ti.f64(0.0)
     for q in ti.static(range(3)):

@@ -50,7 +50,7 @@ def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0, spared
     )  # fmt: skip
     np.testing.assert_allclose(belief.sum(1), 1, rtol=1e-9)
     np.testing.assert_allclose(
-        belief, reference.recall(drawn, table, where, held, surface, frame[:3], 0.05), atol=1e-9
+        belief, reference.coefficient_product(drawn, table, where, held, surface, frame[:3], 0.05), atol=1e-9
     )
     for array in (sums, met):
         assert not array.any(), "scratch is left as it was found"

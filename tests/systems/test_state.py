@@ -94,7 +94,7 @@ def test_no_message_of_a_step_writes_into_likelihood_ratios_or_births(system, sc
 
         monkeypatch.setattr(module, name, guarded)
 
-    for name in {"evaluate", "learn_clutter", "propose_births", "recall_leftovers"} & set(vars(module)):
+    for name in {"evaluate", "learn_clutter", "propose_births", "weigh_by_leftovers"} & set(vars(module)):
         guard(name)
     watched = system(scene, seed=3)
     for scan, covariance in zip(scans, expected, strict=True):

@@ -17,7 +17,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.state.belief import Belief, keep
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.kernels import OFTEN, OFTENER, SEEN_ELSEWHERE
+from gridslam.kernels import OFTENER, REPLACES, SEEN_ELSEWHERE
 
 
 def drop_ghosts(
@@ -38,7 +38,7 @@ def drop_ghosts(
     if belief.layout.surfaces != len(bank) or len(places) > len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
     often = sorted(bank.seen.tolist())
-    if len(often) < 3 or often[-2] < OFTEN:
+    if len(often) < 3 or often[-2] < REPLACES:
         return bank, belief  # no two that were seen often
     head, single = belief.layout.head, bank.single[: len(places)]
     by_ratio = by_ratio and bool(single.max(0).min() < SEEN_ELSEWHERE)

@@ -11,20 +11,18 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.arrays import replace
 from gridslam.inference.management.ghosts import drop_ghosts
-from gridslam.inference.messages.motion import OFTEN
+from gridslam.inference.messages.motion import BEYOND_DOUBT
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.belief import Belief, keep, update
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.kernels import LIKELIER_THAN_NOT
 from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.scene_parts import FilterSettings
 
 MOST_SURFACES = 24
 CONFIRMED = ((60, 8), (25, 6), (5, 2))
 """Ages from which on a surface must have been seen so often."""
-
-LIKELIER_THAN_NOT = 0.5
-"""Probability from which on a path is held to have caused a measurement."""
 
 
 def prune(
@@ -62,7 +60,7 @@ def known_apart(bank: SurfaceBank, exchanges: Sequence[Exchange]) -> NDArray[np.
     exchanges : sequence of Exchange
         Of the step's anchors.
     """
-    often, walks = bank.seen >= OFTEN, bank.walk.max(1) > 0
+    often, walks = bank.seen >= BEYOND_DOUBT, bank.walk.max(1) > 0
     apart = (often[:, None] & often) & (walks[:, None] | walks)
     for exchange in exchanges:
         path, share = exchange.rays.table, exchange.responsible

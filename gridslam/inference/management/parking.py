@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from gridslam.inference.management.in_sight import shortest_path
 from gridslam.inference.management.merging import MOST_SURFACES
+from gridslam.inference.messages.motion import BEYOND_DOUBT
 from gridslam.inference.state.arrangement import arranged, lasting, without
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.state import State
+from gridslam.kernels import SAME_LINE, SAME_LINE_SLACK
 from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.geometry import unit, wrap
 
@@ -23,12 +25,8 @@ NEARBY_M, FARTHER_M = 1.0, 2.0
 """By how much a wall may reach beyond the stretch that was hit: to be recalled, and not to be parked."""
 BELIEVED = 0.5
 """Existence of a ray from which on its surfaces aren't out of sight."""
-OFTEN = 8
-"""Detections without which a surface stays in the belief until it is confirmed or pruned."""
 YOUNG = 30
 """Age up to which a surface may turn out to be one that is parked."""
-LIKELY, TURN_RAD, GAP_M = 9.0, 0.005, 0.01
-"""Squared deviations up to which two lines may be one, and deviations always allowed: as for merging."""
 FAR_RAD, FAR_M = 0.1, 0.5
 """Turn and gap from which on they are none."""
 
@@ -95,7 +93,7 @@ def park(recalled: State, state: State, model: FilterModel) -> State:
 def settled(state: State, model: FilterModel) -> NDArray[np.bool_]:
     """Which surfaces of the joint belief are believed in and confirmed, (S,)."""
     bank = state.surfaces
-    return detected(bank.existence, model.settings) & (bank.seen >= OFTEN)
+    return detected(bank.existence, model.settings) & (bank.seen >= BEYOND_DOUBT)
 
 
 def out_of_reach(state: State, asked: NDArray[np.bool_], model: FilterModel) -> NDArray[np.bool_]:
@@ -120,9 +118,11 @@ def hidden(state: State, model: FilterModel) -> NDArray[np.bool_]:
 def same_as_young(state: State, parked: Parked) -> NDArray[np.bool_]:
     """Which young surfaces of the joint belief may be the same wall as which parked ones, (S, P).
 
-    By turn, and gap where the young one was hit, within the joint covariance of both.
+    By turn, and gap where the young one was hit, within the joint covariance of both: what `find_duplicates`
+    asks of two lines of one belief, here of one inside and one beside it.
     """
     bank, lines, own = state.surfaces, parked.lines, state.belief.lines
+    gap_slack, turn_slack = SAME_LINE_SLACK
     normal, along = unit(own[:, 0]), unit(own[:, 0] + 0.5 * np.pi)
     place = own[:, 1, None] * normal + bank.foot[:, None] * along
     turned = (
@@ -144,7 +144,7 @@ def same_as_young(state: State, parked: Parked) -> NDArray[np.bool_]:
             [state.belief.covariance[np.ix_(rows, rows)], cross.T],
             [cross, parked.covariance[np.ix_(there, there)]],
         ])  # fmt: skip
-        spread = slope @ joint @ slope.T + np.diag([TURN_RAD**2, GAP_M**2])
+        spread = slope @ joint @ slope.T + np.diag([turn_slack, gap_slack])
         off = np.array([turn[young, old], gap[young, old]])
-        same[young, old] = off @ np.linalg.solve(spread, off) < LIKELY
+        same[young, old] = off @ np.linalg.solve(spread, off) < SAME_LINE
     return same

@@ -67,12 +67,12 @@ class JointGaussian:
         return elevations.correct_by_elevations(state, scan, exchange, radio, model)
 
     def add_births(
-        self, state: State, births: Births, scan: AnchorScan, exchange: Exchange, signal: RadioModel,
+        self, state: State, births: Births, scan: AnchorScan, exchange: Exchange, radio: RadioModel,
         model: FilterModel, *, work: Workspace,
     ) -> tuple[State, Exchange, list[tuple[Key, int]]]:  # fmt: skip
         """See `births.add_births`."""
         state, exchange, born = new_surfaces.add_births(
-            state, births, scan, exchange, signal, model, work=work
+            state, births, scan, exchange, radio, model, work=work
         )
         return self.with_surfaces(state, model, work), exchange, born
 

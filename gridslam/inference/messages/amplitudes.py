@@ -44,10 +44,10 @@ class DetectionTable:
     chance : (T,)
     """
 
-    def __init__(self, signal: RadioModel) -> None:
+    def __init__(self, radio: RadioModel) -> None:
         self._u = np.linspace(0, 40, 2001)
         self.step = float(self._u[1])
-        self.chance = signal.detection_probability(np.maximum(self._u, 1e-6))
+        self.chance = radio.detection_probability(np.maximum(self._u, 1e-6))
 
     def __call__(self, amplitude: Array) -> Array:
         """Detection probability of any amplitudes."""
@@ -55,6 +55,6 @@ class DetectionTable:
 
 
 @lru_cache(16)
-def detection_table(signal: RadioModel) -> DetectionTable:
+def detection_table(radio: RadioModel) -> DetectionTable:
     """The table of a radio, made once."""
-    return DetectionTable(signal)
+    return DetectionTable(radio)

@@ -69,7 +69,7 @@ def propose_births(
     scan: AnchorScan,
     cloud: Cloud,
     ratios: Ratios,
-    signal: RadioModel,
+    radio: RadioModel,
     model: FilterModel,
     senders: NDArray[np.int32] | None = None,
     *,
@@ -87,7 +87,7 @@ def propose_births(
 
     Parameters
     ----------
-    signal : RadioModel
+    radio : RadioModel
         The calibrated radio.
     senders : (A,) int32, optional
         Anchors whose measurements may bear surfaces; default: all.
@@ -113,7 +113,7 @@ def propose_births(
     births, measured = work.buffers(_rows, 0, capacity, hypotheses), ratios.measured.copy()
     launch(
         model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), scan.table,
-        known, senders, Anchors(model.places, signal.numbers), measured, births,
+        known, senders, Anchors(model.places, radio.numbers), measured, births,
     )  # fmt: skip
     born, proposal = births.born, births.proposal
     if state.grid is not None and born[0, 0]:

@@ -118,7 +118,7 @@ def add_births(
     births: Births,
     scan: AnchorScan,
     exchange: Exchange,
-    signal: RadioModel,
+    radio: RadioModel,
     model: FilterModel,
     shared: bool = True,
     *,
@@ -128,7 +128,7 @@ def add_births(
 
     Parameters
     ----------
-    signal : RadioModel
+    radio : RadioModel
         As the radio seems to be.
     shared : bool
         Whether a surface serves all anchors, or only the one whose measurement it came from.
@@ -138,7 +138,7 @@ def add_births(
     (state, exchange, bearers)
         exchange: with what was born; bearers: the ray that bore each new surface, and its measurement.
     """
-    state, born, bearers = add_chosen(state, births, scan, exchange.claimed, signal, model, shared)
+    state, born, bearers = add_chosen(state, births, scan, exchange.claimed, radio, model, shared)
     return state, replace(exchange, born=born), bearers
 
 
@@ -147,7 +147,7 @@ def add_chosen(
     births: Births,
     scan: AnchorScan,
     claimed: Array,
-    signal: RadioModel,
+    radio: RadioModel,
     model: FilterModel,
     shared: bool = True,
 ) -> tuple[State, Array, list[tuple[Key, int]]]:
@@ -162,7 +162,7 @@ def add_chosen(
     born: list[tuple[int, float]] = []
     rivals = RIVALS if scan.anchor >= 0 else RIVALS_UNLABELLED
     for number, existence in births.chosen(claimed, 0.5 * model.settings.prune_below, rivals):
-        belief, reflection, misfit = initialise_surface(births, number, scan, state.belief, signal, model)
+        belief, reflection, misfit = initialise_surface(births, number, scan, state.belief, radio, model)
         if belief.covariance[-1, -1] > MOST_DOUBTFUL_M**2 or not misfit < MOST_BENT:
             continue
         if births.support is not None:
@@ -187,7 +187,7 @@ def add_chosen(
 
 
 def initialise_surface(
-    births: Births, number: int, scan: AnchorScan, belief: Belief, signal: RadioModel, model: FilterModel
+    births: Births, number: int, scan: AnchorScan, belief: Belief, radio: RadioModel, model: FilterModel
 ) -> tuple[Belief, Array, float]:
     """Belief with one hypothesis' surface appended, correlated with the agent, and corrected by the AoD.
 
@@ -209,7 +209,7 @@ def initialise_surface(
     reflection, misfit = np.empty(len(REFLECTION_BINS)), np.empty(1)
     launch(
         belief.layout.head, anchor, row, last, first, blocks.Belief(belief.mean, belief.covariance),
-        blocks.Anchors(model.places, signal.numbers), scan.table,
+        blocks.Anchors(model.places, radio.numbers), scan.table,
         blocks.Newborn(np.empty(size + 2), mean, covariance, reflection, misfit),
     )  # fmt: skip
     if np.pi < abs(mean[-2]) < np.inf:  # derivatives beside an anchor turn a line by full turns

@@ -11,23 +11,23 @@ from gridslam.world.radio import RadioModel
 
 
 def learn_clutter(
-    state: State, anchor: int, ratios: LikelihoodRatios, signal: RadioModel, model: FilterModel
+    state: State, anchor: int, ratios: LikelihoodRatios, radio: RadioModel, model: FilterModel
 ) -> tuple[State, LikelihoodRatios, RadioModel]:
     """Take in how much clutter an anchor's scan holds, before its association; docs/model.md, (M46). Ours.
 
     Parameters
     ----------
-    signal : RadioModel
+    radio : RadioModel
         By which the ratios were evaluated.
 
     Returns
     -------
-    (state, ratios, signal)
+    (state, ratios, radio)
         With the level that is believed now.
     """
     calibration = state.calibration.with_clutter(anchor, ratios.clutter, model.radio)
     level = calibration.level(anchor, model.radio.false_alarms)
-    if level != signal.false_alarms:
-        ratios = ratios.against(level / signal.false_alarms)
-        signal = replace(signal, false_alarms=level)
-    return replace(state, calibration=calibration), ratios, signal
+    if level != radio.false_alarms:
+        ratios = ratios.against(level / radio.false_alarms)
+        radio = replace(radio, false_alarms=level)
+    return replace(state, calibration=calibration), ratios, radio

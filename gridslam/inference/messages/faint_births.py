@@ -36,7 +36,7 @@ WIDEST = 1e3
 """Deviation that stands for "tells nothing"."""
 
 
-def recall_leftovers(
+def weigh_by_leftovers(
     births: Births, state: State, scan: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Births, LikelihoodRatios]:  # fmt: skip

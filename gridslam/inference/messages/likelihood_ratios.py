@@ -165,7 +165,7 @@ def evaluate(
     paths: PredictedPaths,
     validity: Array,
     amplitudes: AmplitudeBelief,
-    signal: RadioModel,
+    radio: RadioModel,
     model: FilterModel,
     *,
     work: Workspace,
@@ -179,7 +179,7 @@ def evaluate(
     ----------
     validity : (L,)
         V: probability that the path is open.
-    signal : RadioModel
+    radio : RadioModel
         As the radio seems to be.
     """
     runtime.start()
@@ -204,7 +204,7 @@ def evaluate(
         1.0 if amplitudes.spreading else 0.0, table.step, recipe.layout.head, recipe.bandwidth,
         blocks.Amplitudes(amplitudes.probability, nodes, table.chance),
         blocks.PathRows(rays.table, paths.prediction.whole), scan.table,
-        blocks.Anchors(model.places, signal.numbers),
+        blocks.Anchors(model.places, radio.numbers),
         blocks.Drawing(recipe.root, recipe.base, recipe.points, state), scratch, found, ratios,
     )  # fmt: skip
     pairs = Pairs(int(found.start[-1]), found.start, found.index, found.pair)

@@ -16,8 +16,8 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import mirror, slant
 from gridslam.world.radio import REFLECTION_BINS
 
-OFTEN = 8
-"""Detections from which on a surface is beyond doubt, and its chances aren't counted any more."""
+BEYOND_DOUBT = 8
+"""Detections from which on a surface is beyond doubt: its chances aren't counted any more."""
 JITTER = 0.2
 """Share of the papers' surface jitter that is used: it keeps particles apart, a Gaussian needs less."""
 
@@ -64,7 +64,7 @@ def chances(bank: SurfaceBank, lines: Array, position: Array, model: FilterModel
     By its coefficient, as it was learned so far. Surfaces that were seen often need none: theirs is 1.
     """
     chance = np.ones(len(bank))
-    (few,) = (bank.seen < OFTEN).nonzero()
+    (few,) = (bank.seen < BEYOND_DOUBT).nonzero()
     if len(few):
         image = mirror(lines[few, None], model.places[:, :2])
         level = np.linalg.norm(image - position, axis=-1)

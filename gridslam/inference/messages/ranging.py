@@ -67,13 +67,13 @@ def move_rings(state: State, time_s: float, model: FilterModel) -> State:
 
 
 def associate_with_rings(
-    state: State, scan: AnchorScan, ratios: LikelihoodRatios, signal: RadioModel, model: FilterModel
+    state: State, scan: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel, model: FilterModel
 ) -> tuple[Association, Tentative]:
     """Data association of virtual anchors and rings alike."""
     rings = require(state)
-    worth = judge(rings, scan, detection_table(model.radio), signal)
+    worth = judge(rings, scan, detection_table(model.radio), radio)
     tentative, silent = claims(rings, worth)
-    born, bearings = expected(state.belief, scan, signal, model.settings.births, model.middle, model.radius_m)
+    born, bearings = expected(state.belief, scan, radio, model.settings.births, model.middle, model.radius_m)
     nu, claimed = associate_exactly(
         np.concatenate([ratios.beta, tentative]), np.concatenate([ratios.missed, silent]), ratios.new + born
     )
@@ -87,15 +87,15 @@ def update_rings(
     state: State,
     scan: AnchorScan,
     tentative: Tentative,
-    signal: RadioModel,
+    radio: RadioModel,
     model: FilterModel,
 ) -> State:
     """Rings follow the belief's update by an anchor's measurements, are updated themselves, and begin."""
     state = follow_belief(before, state)
     rings = require(state)
-    worth = judge(rings, scan, detection_table(model.radio), signal)
+    worth = judge(rings, scan, detection_table(model.radio), radio)
     rings = learn(rings, worth, tentative.nu)
-    fresh = begin(rings, state.belief, scan, signal, tentative.chance, tentative.bearings)
+    fresh = begin(rings, state.belief, scan, radio, tentative.chance, tentative.bearings)
     return replace(state, rings=fresh)
 
 
@@ -104,9 +104,9 @@ def follow_belief(before: State, state: State) -> State:
     return replace(state, rings=follow(require(state), before.belief, state.belief))
 
 
-def join_shrunk_rings(state: State, signal: RadioModel, model: FilterModel) -> State:
+def join_shrunk_rings(state: State, radio: RadioModel, model: FilterModel) -> State:
     """Rings that have shrunk to a place become virtual anchors."""
-    for row in shrunk(require(state), model.places, signal)[::-1].tolist():
+    for row in shrunk(require(state), model.places, radio)[::-1].tolist():
         rings = require(state)
         ring = rings.take(np.array([row]))
         anchor = int(ring.anchor[0])
@@ -174,7 +174,7 @@ class Worth:
     gain: Array
 
 
-def judge(rings: Rings, scan: AnchorScan, table: DetectionTable, signal: RadioModel) -> Worth:
+def judge(rings: Rings, scan: AnchorScan, table: DetectionTable, radio: RadioModel) -> Worth:
     """Evaluate the measurements that carry a distance and no AoA under every hypothesis."""
     rows = np.flatnonzero(rings.anchor == scan.anchor)
     mean, weight = rings.mean[rows], rings.weight[rows]
@@ -186,8 +186,8 @@ def judge(rings: Rings, scan: AnchorScan, table: DetectionTable, signal: RadioMo
     gain = np.einsum("lkij,lkj->lki", rings.covariance[rows], slope)
     spread = (gain * slope).sum(-1)
 
-    usable, deviation, loudness = _level(scan, signal)
-    typical = table(signal.amplitude((weight * distance).sum(-1), 0.5))
+    usable, deviation, loudness = _level(scan, radio)
+    typical = table(radio.amplitude((weight * distance).sum(-1), 0.5))
     gap = np.where(usable, scan.value[:, 0], 0.0) - distance[..., None]
     noise = np.where(usable, deviation**2, 1.0)
     total = spread[..., None] + noise
@@ -197,17 +197,15 @@ def judge(rings: Rings, scan: AnchorScan, table: DetectionTable, signal: RadioMo
     return Worth(rows, ratio, typical, gap, spread, noise, gain)
 
 
-def _level(scan: AnchorScan, signal: RadioModel) -> tuple[NDArray[np.bool_], Array, Array]:
+def _level(scan: AnchorScan, radio: RadioModel) -> tuple[NDArray[np.bool_], Array, Array]:
     """Which measurements rings may explain; their deviations (m); clutter's share of their ratios (1/m)."""
     usable = ~np.isnan(scan.value[:, 0]) & np.isnan(scan.value[:, 2])
     distance = np.where(usable, scan.value[:, 0], 1.0)
     loud = ~np.isnan(scan.amplitude)
-    strength = np.where(loud, scan.amplitude, signal.amplitude(distance, 0.5))
-    density = np.exp(
-        signal.log_rician(strength[:, None], signal.amplitude(distance[:, None], REFLECTION_BINS))
-    )
-    std = deviations(scan, np.arange(len(scan)), strength, np.nan_to_num(scan.value[:, 1:]), signal)[:, 0]
-    clutter = np.log(signal.false_alarms) + signal.log_clutter(scan.amplitude) + 2 * np.log(2 * np.pi)
+    strength = np.where(loud, scan.amplitude, radio.amplitude(distance, 0.5))
+    density = np.exp(radio.log_rician(strength[:, None], radio.amplitude(distance[:, None], REFLECTION_BINS)))
+    std = deviations(scan, np.arange(len(scan)), strength, np.nan_to_num(scan.value[:, 1:]), radio)[:, 0]
+    clutter = np.log(radio.false_alarms) + radio.log_clutter(scan.amplitude) + 2 * np.log(2 * np.pi)
     return usable, std, np.where(loud, density.mean(1), 1.0) * np.exp(-clutter)
 
 
@@ -249,7 +247,7 @@ def learn(rings: Rings, worth: Worth, nu: Array) -> Rings:
 
 
 def expected(
-    belief: Belief, scan: AnchorScan, signal: RadioModel, births: float, middle: Array, radius_m: float
+    belief: Belief, scan: AnchorScan, radio: RadioModel, births: float, middle: Array, radius_m: float
 ) -> tuple[Array, Array]:
     """Expected number of new images per measurement, over clutter, and likelihood of every bearing.
 
@@ -262,7 +260,7 @@ def expected(
     (ratio, weight)
         ratio (M,): 0 where there is no distance, or an AoA with it; weight (M, K).
     """
-    usable, deviation, loudness = _level(scan, signal)
+    usable, deviation, loudness = _level(scan, radio)
     distance = np.where(usable, scan.value[:, 0], 0.0)
     image = belief.mean[:2] + level_of(distance, scan.height)[:, None, None] * directions()
     line = line_between(scan.position, image)
@@ -279,7 +277,7 @@ def expected(
 
 
 def begin(
-    rings: Rings, belief: Belief, scan: AnchorScan, signal: RadioModel, chance: Array, weight: Array
+    rings: Rings, belief: Belief, scan: AnchorScan, radio: RadioModel, chance: Array, weight: Array
 ) -> Rings:
     """Add a ring for every measurement that is likely enough to be one.
 
@@ -293,6 +291,6 @@ def begin(
     rows = np.flatnonzero(chance > LEAST_EXISTENCE)
     length = scan.value[rows, 0]
     distance = np.maximum(level_of(length, scan.height), 1e-6)
-    deviation = _level(scan, signal)[1][rows] * length / distance
+    deviation = _level(scan, radio)[1][rows] * length / distance
     fresh = rings_about(belief, scan.anchor, distance, np.square(deviation), chance[rows], weight[rows])
     return rings.joined(fresh)

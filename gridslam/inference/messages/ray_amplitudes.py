@@ -98,11 +98,11 @@ class AmplitudeModel:
 
     @staticmethod
     @lru_cache(16)
-    def of(signal: RadioModel) -> AmplitudeModel:
+    def of(radio: RadioModel) -> AmplitudeModel:
         """Nodes up to the amplitude of the nearest line of sight."""
         from gridslam.kernels.messages.histograms import SILENT
 
-        count = int(np.ceil(np.arcsinh(float(signal.amplitude(NEAREST_M)) / FINE) / RATIO))
+        count = int(np.ceil(np.arcsinh(float(radio.amplitude(NEAREST_M)) / FINE) / RATIO))
         nodes: Array = FINE * np.sinh(RATIO * (np.arange(count) + 1))
         gap = np.gradient(nodes)
         rate = 0.5 * np.square(WALK * nodes / gap)
@@ -110,14 +110,14 @@ class AmplitudeModel:
         walk = np.stack([1 - 2 * rate, rise, fall])
         gap = gap / gap.sum()
         table = np.stack([nodes, gap, *(walk / walk.sum(0)), np.zeros(count)])
-        table[SILENT] = np.maximum(1 - detection_table(signal)(nodes), SURPRISE)
-        number = np.array([FINE, RATIO, signal.amplitude_at_1m, P_STAY, P_APPEAR, SURPRISE])
+        table[SILENT] = np.maximum(1 - detection_table(radio)(nodes), SURPRISE)
+        number = np.array([FINE, RATIO, radio.amplitude_at_1m, P_STAY, P_APPEAR, SURPRISE])
         return AmplitudeModel(nodes, gap, table, number)
 
 
 @timed("evaluation")
 def predict_amplitudes(
-    state: State, paths: PredictedPaths, scan: AnchorScan, signal: RadioModel, *, work: Workspace
+    state: State, paths: PredictedPaths, scan: AnchorScan, radio: RadioModel, *, work: Workspace
 ) -> Histogram | Unmeasured:
     """Beliefs one step ahead, given that the ray exists.
 
@@ -125,19 +125,19 @@ def predict_amplitudes(
     amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
     at its length. Where amplitudes are neither measured nor told by what is missed, there is nothing to keep.
     """
-    if signal.given_detection is not None and not require(state).known and np.isnan(scan.amplitude).all():
-        return Unmeasured(np.ones((len(paths.rays), 1)), np.array([UNKNOWN_SHARE * signal.amplitude_at_1m]))
+    if radio.given_detection is not None and not require(state).known and np.isnan(scan.amplitude).all():
+        return Unmeasured(np.ones((len(paths.rays), 1)), np.array([UNKNOWN_SHARE * radio.amplitude_at_1m]))
     length = paths.prediction.length
-    return Histogram(_walked(state, paths.rays, length, signal, work), AmplitudeModel.of(signal).nodes)
+    return Histogram(_walked(state, paths.rays, length, radio, work), AmplitudeModel.of(radio).nodes)
 
 
-def mean_amplitudes(state: State, rays: Rays, distance: Array, signal: RadioModel) -> Array:
+def mean_amplitudes(state: State, rays: Rays, distance: Array, radio: RadioModel) -> Array:
     """Estimated amplitude of every ray, eq. (18), about what free space makes of its length now, (L,).
 
     Half of what free space allows where nothing is known of a ray.
     """
-    known, nodes, far = require(state).known, AmplitudeModel.of(signal).nodes, np.maximum(distance, 1e-3)
-    mean = UNKNOWN_SHARE * signal.amplitude_at_1m / far
+    known, nodes, far = require(state).known, AmplitudeModel.of(radio).nodes, np.maximum(distance, 1e-3)
+    mean = UNKNOWN_SHARE * radio.amplitude_at_1m / far
     if not known:
         return np.asarray(mean)
     beliefs = [known.get(key) for key in RayAmplitudes.keys(rays, state.surfaces.identity)]
@@ -151,7 +151,7 @@ def mean_amplitudes(state: State, rays: Rays, distance: Array, signal: RadioMode
 @timed("updates")
 def update_amplitudes(
     state: State, paths: PredictedPaths, belief: Histogram | Unmeasured, scan: AnchorScan,
-    exchange: Exchange, signal: RadioModel, *, work: Workspace,
+    exchange: Exchange, radio: RadioModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """Update by the measurements, softly by association, eq. (26).
 
@@ -169,7 +169,7 @@ def update_amplitudes(
     runtime.start()
     from gridslam.kernels.messages.histograms import listen
 
-    amplitudes, model, rays = require(state), AmplitudeModel.of(signal), paths.rays
+    amplitudes, model, rays = require(state), AmplitudeModel.of(radio), paths.rays
     responsible, shape = exchange.responsible, belief.probability.shape
     if responsible.shape != (len(rays), len(scan)) or shape != (len(rays), len(model.nodes)):
         raise ValueError("beliefs don't belong to these rays and measurements")
@@ -177,7 +177,7 @@ def update_amplitudes(
     scratch = work.buffers(_densities, 0, -(-len(scan) // PORTION) * PORTION, shape[1])
     listen(
         belief.probability, scan.table, np.ascontiguousarray(responsible), model.table, model.number,
-        float(signal.samples), scratch, after,
+        float(radio.samples), scratch, after,
     )  # fmt: skip
     alive = np.maximum(rays.existence, responsible.sum(1))  # one that comes back was given up long ago
     worth = (alive * rays.surfaces > WORTH_KEEPING).tolist()
@@ -188,7 +188,7 @@ def update_amplitudes(
 
 
 def start_amplitudes(
-    state: State, born: Sequence[tuple[Key, int]], scan: AnchorScan, signal: RadioModel
+    state: State, born: Sequence[tuple[Key, int]], scan: AnchorScan, radio: RadioModel
 ) -> State:
     """First beliefs of the rays that bore surfaces, from their measurements alone.
 
@@ -196,12 +196,12 @@ def start_amplitudes(
     ----------
     born : sequence of (key, measurement)
     """
-    model, changes = AmplitudeModel.of(signal), dict[Key, tuple[Array, float]]()
+    model, changes = AmplitudeModel.of(radio), dict[Key, tuple[Array, float]]()
     for key, measurement in born:
         length = float(scan.value[measurement, 0] - state.belief.late(key[0]))
         amplitude = float(scan.amplitude[measurement])
         if np.isfinite(amplitude) and np.isfinite(length):
-            log = signal.log_rician(np.minimum(amplitude, model.nodes[-1]), model.nodes)
+            log = radio.log_rician(np.minimum(amplitude, model.nodes[-1]), model.nodes)
             density = model.gap * np.exp(log - log.max())
             changes[key] = density / density.sum(), length
     return replace(state, amplitudes=require(state).having(changes))
@@ -225,12 +225,12 @@ def require(state: State) -> RayAmplitudes:
     return state.amplitudes
 
 
-def _walked(state: State, rays: Rays, distance: Array, signal: RadioModel, work: Workspace) -> Array:
+def _walked(state: State, rays: Rays, distance: Array, radio: RadioModel, work: Workspace) -> Array:
     """Beliefs one step ahead (L, K)."""
     runtime.start()
     from gridslam.kernels.messages.histograms import walk
 
-    known, model = require(state).known, AmplitudeModel.of(signal)
+    known, model = require(state).known, AmplitudeModel.of(radio)
     count, size = len(rays), len(model.nodes)
     before = work.buffers(_histograms, 0, count, size)
     length, scratch = np.empty((2, count)), np.empty(size)

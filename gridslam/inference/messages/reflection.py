@@ -37,17 +37,17 @@ class Reflected:
     """
 
     probability: Array
-    signal: RadioModel
+    radio: RadioModel
 
     spreading = True
 
     @property
     def nodes(self) -> Array:
         """Amplitudes of the nodes at 1 m, (K,)."""
-        return _nodes(self.signal.amplitude_at_1m)
+        return _nodes(self.radio.amplitude_at_1m)
 
 
-def reflected(products: Array, rays: Rays, signal: RadioModel, levels: Array | None = None) -> Reflected:
+def reflected(products: Array, rays: Rays, radio: RadioModel, levels: Array | None = None) -> Reflected:
     """Amplitudes by beliefs over products of walls' coefficients (L, K), and by floor and ceiling.
 
     Parameters
@@ -55,15 +55,15 @@ def reflected(products: Array, rays: Rays, signal: RadioModel, levels: Array | N
     levels : (W, 50), optional
         Beliefs about coefficients of floor and ceiling, 0 for a known one.
     """
-    if len(signal.image_gains) == 1:
-        return Reflected(products, signal)
+    if len(radio.image_gains) == 1:
+        return Reflected(products, radio)
     weaker = products.copy()
-    for image, gain in enumerate(signal.image_gains):
-        own = rays.anchor // signal.senders == image
+    for image, gain in enumerate(radio.image_gains):
+        own = rays.anchor // radio.senders == image
         belief = levels[image - 1] if image and levels is not None else None
         unsure = belief is not None and belief.any()
         weaker[own] = products[own] @ (_mixed(belief) if unsure else _times(gain))
-    return Reflected(weaker, signal)
+    return Reflected(weaker, radio)
 
 
 def _mixed(belief: Array | None) -> Array:
@@ -115,10 +115,10 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
     row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
     hit = np.empty((len(grid.hit) + 2 * drawn.count * RAYS, BINS), np.float32)
     hit[: len(grid.hit)] = grid.hit
-    detection, radio = detection_table(model.radio), state.calibration.tuned(model.radio, 0).numbers
+    detection, tuned = detection_table(model.radio), state.calibration.tuned(model.radio, 0).numbers
     usual, latest = work.buffers(_usual, 0, surfaces), work.buffers(latest_hits, 0, surfaces)
     learn(
-        belief.layout.head, detection.step, belief.mean, detection.chance, radio,
+        belief.layout.head, detection.step, belief.mean, detection.chance, tuned,
         work.require_cells().frame_of_messages, model.places, Drawn(drawn.drawn, drawn.seen),
         messages.block(), Coefficients(reflection, row, hit, used, usual, latest), hits,
     )  # fmt: skip

@@ -233,7 +233,7 @@ def _table(
 
 
 def deviations(
-    scan: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, signal: RadioModel,
+    scan: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, radio: RadioModel,
     steep: Array | float | None = None,
 ) -> Array:  # fmt: skip
     """Standard deviations (n, 3) of (distance, AoD, AoA): the table's own, or from Fisher information.
@@ -252,24 +252,24 @@ def deviations(
         Cosine of the path's elevation; default: by the anchor's height and the measured distance.
     """
     value, own_std = scan.value[measurement], scan.own_std[measurement]
-    aperture = signal.anchor_aperture.mean(0) if scan.anchor < 0 else signal.anchor_aperture[scan.anchor]
+    aperture = radio.anchor_aperture.mean(0) if scan.anchor < 0 else radio.anchor_aperture[scan.anchor]
     height = scan.height if scan.anchor >= 0 else 0.0
     if steep is None:
         steep = _lean(value, height) if height else 1.0
-    return _deviations(value, own_std, amplitude, angles, aperture, steep, signal)
+    return _deviations(value, own_std, amplitude, angles, aperture, steep, radio)
 
 
-def own_deviations(scans: Sequence[AnchorScan], signal: RadioModel) -> Array:
+def own_deviations(scans: Sequence[AnchorScan], radio: RadioModel) -> Array:
     """`deviations` (M, 3) of all measurements of known anchors, each by its own amplitude and angles.
 
     They depend on neither gain nor clutter, so that a step works them out once for all hypotheses.
     """
     whole, heights = whole_of(scans), [scan.height for scan in scans]
-    aperture = signal.anchor_aperture[whole.label]
+    aperture = radio.anchor_aperture[whole.label]
     own = np.repeat(heights, [len(scan) for scan in scans]) if any(heights) else None
     steep = 1.0 if own is None else _lean(whole.value, own)
     return _deviations(
-        whole.value, whole.own_std, whole.amplitude, whole.value[:, 1:], aperture, steep, signal
+        whole.value, whole.own_std, whole.amplitude, whole.value[:, 1:], aperture, steep, radio
     )
 
 
@@ -280,14 +280,14 @@ def _lean(value: Array, height: Array | float) -> Array:
 
 def _deviations(
     value: Array, own_std: Array, amplitude: Array, angles: Array, aperture: Array, steep: Array | float,
-    signal: RadioModel,
+    radio: RadioModel,
 ) -> Array:  # fmt: skip
     """`deviations` by apertures of the anchors, (2,) or (n, 2)."""
     amplitude = np.maximum(amplitude, FAINTEST)
     fisher = np.empty((len(value), 3))
-    fisher[:, 0] = signal.distance_std(amplitude)
+    fisher[:, 0] = radio.distance_std(amplitude)
     apertures = np.empty((*aperture.shape[:-1], 2, 2))
-    apertures[..., 0, :], apertures[..., 1, :] = aperture, signal.agent_aperture
-    fisher[:, 1:] = signal.angle_std(amplitude[:, None], angles, apertures, np.asarray(steep)[..., None])
+    apertures[..., 0, :], apertures[..., 1, :] = aperture, radio.agent_aperture
+    fisher[:, 1:] = radio.angle_std(amplitude[:, None], angles, apertures, np.asarray(steep)[..., None])
     std = np.where(np.isnan(own_std), fisher, own_std)
     return np.where(np.isnan(value), np.inf, std)

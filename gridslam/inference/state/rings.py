@@ -194,7 +194,7 @@ def prune(rings: Rings, survival: float) -> Rings:
     return replace(rings, existence=existence).take((existence > LEAST_EXISTENCE) & (place < MOST_RINGS))
 
 
-def shrunk(rings: Rings, anchors: Array, signal: RadioModel) -> NDArray[np.intp]:
+def shrunk(rings: Rings, anchors: Array, radio: RadioModel) -> NDArray[np.intp]:
     """Rings that have shrunk to one place, the mirrored one gone, and surely exist.
 
     `anchors` (J, 6) is `FilterModel.places`.
@@ -205,7 +205,7 @@ def shrunk(rings: Rings, anchors: Array, signal: RadioModel) -> NDArray[np.intp]
     thickness, width = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:, MOVING:, MOVING:]), 0)).T
     level = np.linalg.norm(mean[:, MOVING:] - mean[:, :2], axis=-1)
     distance = slant(level, anchors[rings.anchor, 3])
-    thin = THIN * signal.distance_std(signal.amplitude(distance, 0.5)) * distance / np.maximum(level, 1e-6)
+    thin = THIN * radio.distance_std(radio.amplitude(distance, 0.5)) * distance / np.maximum(level, 1e-6)
     span = np.linalg.norm(mean[:, MOVING:] - anchors[rings.anchor, :2], axis=-1)
     return np.flatnonzero(
         (width < SHRUNK_M) & (width < SHRUNK_SHARE * span) & (thickness < thin) & (rings.existence > SURE)

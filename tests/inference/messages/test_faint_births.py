@@ -12,7 +12,7 @@ from gridslam import reference
 from gridslam.errors import InputError
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.births import Births
-from gridslam.inference.messages.faint_births import borne_out, recall_leftovers, remember_leftovers
+from gridslam.inference.messages.faint_births import borne_out, remember_leftovers, weigh_by_leftovers
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.unexplained import gather_unexplained
@@ -126,16 +126,16 @@ def test_what_leftovers_bear_out_is_in_new_ratios_and_the_old_ones_are_left_alon
     births = Births(np.zeros(1, np.int32), nobody, LINE[None], np.array([0.5]), np.zeros(1, np.int32))
     for array in (measured, births.ratio, births.line):
         array.setflags(write=False)
-    found, ratios = recall_leftovers(births, state, scan, old, model.radio, model)
+    found, ratios = weigh_by_leftovers(births, state, scan, old, model.radio, model)
     assert old.new[0] == 1.5
     assert births.ratio[0] == 0.5
     assert found.ratio[0] > 5.0, "an earlier measurement bears it out"
     assert found.seen[0] == 2
     assert ratios.new[0] == pytest.approx(1.5 + found.ratio[0] - 0.5)
-    same = recall_leftovers(births, replace(state, leftovers=None), scan, old, model.radio, model)
+    same = weigh_by_leftovers(births, replace(state, leftovers=None), scan, old, model.radio, model)
     assert same == (births, old)
     over = replace(births, hit=np.array([[3, -1]], np.int32))  # a double bounce, by a known surface
-    assert recall_leftovers(over, state, scan, old, model.radio, model) == (over, old)
+    assert weigh_by_leftovers(over, state, scan, old, model.radio, model) == (over, old)
 
 
 def test_what_a_path_or_a_birth_explains_is_neither_left_over_nor_unexplained():

@@ -34,7 +34,7 @@ Modes = dict[int, list[NDArray[np.bool_]]]
 """Cells (C,) of every mode of an anchor's clock; the last may be all that is left."""
 REACH_M, MOST = 1.25, 5
 """Half width of a mode, and modes of one clock at most."""
-LIKELY, EARLY_MOST = 0.2, 2
+EARLY_LEAST, EARLY_MOST = 0.2, 2
 """Where departures are measured: share of the mass from which on a mode is a hypothesis, and how many."""
 HOPELESS, CAP = 30.0, 48
 """Log weight behind the best at which a hypothesis is pruned; hypotheses at most."""
@@ -99,7 +99,7 @@ def early_modes(search: ClockSearch) -> Modes:
     A line of sight that was missed, or clutter in its place, leaves a clock in doubt for a step or two.
     """
     early = search.unset & (search.since <= FIRST_STEPS)
-    return _modes(search, early, (LOBE_M, EARLY_MOST, LIKELY, LOBE_VARIANCE))
+    return _modes(search, early, (LOBE_M, EARLY_MOST, EARLY_LEAST, LOBE_VARIANCE))
 
 
 def _modes(search: ClockSearch, sought: NDArray[np.bool_], rule: tuple[float, int, float, float]) -> Modes:

@@ -104,7 +104,7 @@ def _of_agent(
     mean, covariance, pose = part.belief.mean, part.belief.covariance, part.belief.layout.pose()
     strength = None
     if state.grid is None:  # with a grid, amplitudes follow from coefficients
-        strength = partial(mean_amplitudes, part, signal=own.radio)
+        strength = partial(mean_amplitudes, part, radio=own.radio)
     table, paths = estimates(part, own, own.radio.amplitude_at_1m * info.gain, strength, work=work)
     sure = detected(table.existence, own.settings) & (part.surfaces.seen >= CONFIRMED)
     return Estimate(

@@ -120,7 +120,7 @@ class Fix:
 
 def find_pose(
     belief: Belief, expected: Belief, images: Sequence[Sources], scans: Sequence[AnchorScan],
-    table: DetectionTable, signal: RadioModel, stream: list[int], region: GridSpec | None = None,
+    table: DetectionTable, radio: RadioModel, stream: list[int], region: GridSpec | None = None,
 ) -> Fix | None:  # fmt: skip
     """The pose that explains scans best, or None if no measurement proposes any.
 
@@ -134,14 +134,14 @@ def find_pose(
         Where the agent may be at all.
     """
     draw = np.random.default_rng(stream)
-    asked = _proposals(images, scans, signal, draw)
+    asked = _proposals(images, scans, radio, draw)
     if region is not None:
         asked = asked[region.holds(asked[:, :2])]
     sizes = (len(own.image) * max(len(scan), 1) for own, scan in zip(images, scans, strict=True))
 
     def likelihood(poses: Array) -> Array:
         parts = zip(images, scans, strict=True)
-        return np.asarray(sum(_log_likelihood(poses, own, scan, table, signal) for own, scan in parts))
+        return np.asarray(sum(_log_likelihood(poses, own, scan, table, radio) for own, scan in parts))
 
     return best_pose(belief, expected, asked, likelihood, max(sizes, default=1), draw)
 
@@ -199,7 +199,7 @@ def best_pose(
 
 
 def _proposals(
-    images: Sequence[Sources], scans: Sequence[AnchorScan], signal: RadioModel, draw: np.random.Generator
+    images: Sequence[Sources], scans: Sequence[AnchorScan], radio: RadioModel, draw: np.random.Generator
 ) -> Array:
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
@@ -208,10 +208,10 @@ def _proposals(
         if not len(rows):
             continue
         if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
-            rank = np.argsort(-np.nan_to_num(scan.amplitude[rows], nan=signal.threshold), kind="stable")
+            rank = np.argsort(-np.nan_to_num(scan.amplitude[rows], nan=radio.threshold), kind="stable")
             rows = np.sort(rows[rank[:MOST_LOUD]])
-        strength = np.nan_to_num(scan.amplitude[rows], nan=signal.threshold)
-        std = deviations(scan, rows, strength, scan.value[rows, 1:], signal)
+        strength = np.nan_to_num(scan.amplitude[rows], nan=radio.threshold)
+        std = deviations(scan, rows, strength, scan.value[rows, 1:], radio)
         for copy in range(COPIES):
             value = scan.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
             leaving = scan.orientation + value[None, :, 1]
@@ -226,7 +226,7 @@ def _proposals(
 
 
 def _log_likelihood(
-    poses: Array, own: Sources, scan: AnchorScan, table: DetectionTable, signal: RadioModel
+    poses: Array, own: Sources, scan: AnchorScan, table: DetectionTable, radio: RadioModel
 ) -> Array:
     """Log-likelihood (N,) of one anchor's measurements at poses (N, 3), relative to clutter alone."""
     back = direction(poses[:, None, :2], own.image[None])
@@ -236,14 +236,14 @@ def _log_likelihood(
     normal, offset = unit(own.line[:, 0]), own.line[:, 1]
     sides = ((poses[:, :2] @ normal.T) - offset) * (normal @ scan.position - offset)
     there = own.chance * (straight | (sides > 0))
-    strength = signal.amplitude(distance, own.level)
+    strength = radio.amplitude(distance, own.level)
     log = -(there * table(strength)).sum(1)
     if not len(scan):
         return np.asarray(log)
     rows = np.arange(len(scan))
     known = np.isfinite(scan.amplitude)
-    amplitude = np.where(known, scan.amplitude, signal.threshold)
-    std = deviations(scan, rows, amplitude, np.nan_to_num(scan.value[:, 1:]), signal)
+    amplitude = np.where(known, scan.amplitude, radio.threshold)
+    std = deviations(scan, rows, amplitude, np.nan_to_num(scan.value[:, 1:]), radio)
     measured = np.isfinite(std)
     variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
     predicted = (distance, leaving, back - poses[:, 2, None])
@@ -254,10 +254,10 @@ def _log_likelihood(
         square += np.where(measured[:, axis], gap**2 / variance[:, axis], 0.0)
     blur = 0.5 + (0.25 * strength[..., None]) ** 2
     square += np.where(known, (amplitude - strength[..., None]) ** 2 / blur, 0.0)
-    flat = np.array([signal.max_distance_m, 2 * np.pi, 2 * np.pi])
+    flat = np.array([radio.max_distance_m, 2 * np.pi, 2 * np.pi])
     constant = np.where(measured, np.log(flat / np.sqrt(2 * np.pi * variance)), 0.0).sum(1)
-    tail = np.where(known, np.minimum(amplitude**2 - signal.threshold**2, LOUDEST), 0.0)
-    ratio = np.exp(np.minimum(constant + tail - np.log(signal.false_alarms) - 0.5 * square, 60.0))
+    tail = np.where(known, np.minimum(amplitude**2 - radio.threshold**2, LOUDEST), 0.0)
+    ratio = np.exp(np.minimum(constant + tail - np.log(radio.false_alarms) - 0.5 * square, 60.0))
     return np.asarray(log + np.log1p((there[..., None] * ratio).sum(1)).sum(1))
 
 

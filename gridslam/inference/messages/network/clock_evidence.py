@@ -23,7 +23,7 @@ UNMEASURED = 2 * np.pi
 """Variance of an angle of residual 0 whose normal density is that of any angle at all."""
 SURE_SURFACE = 0.9
 """Existence from which on a surface's single bounces tell of clocks, too."""
-LIKELY = 0.1
+LEAST_CHANCE = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
 NOTHING = 1e-9
 """Share of a path's being missed below which a measurement says nothing of it, at an offset or at all."""
@@ -80,7 +80,7 @@ def agent_evidence(
         return _deviations(anchor_scan, amplitude[chosen], predicted[chosen, 1:], steep[chosen], radio)
 
     caused = np.zeros((len(sought), len(anchor_scan)))
-    rows = np.flatnonzero(known[rays.anchor] & (chance > LIKELY))
+    rows = np.flatnonzero(known[rays.anchor] & (chance > LEAST_CHANCE))
     if len(rows):
         density = joint_density(value[rows], width[rows], anchor_scan.value, accuracy(rows))
         may = (anchor_scan.label < 0) | (anchor_scan.label == rays.anchor[rows, None])

@@ -134,7 +134,7 @@ def take_snapshot(
     return Snapshot(
         anchor, band, scan.samples[anchor], float(state.noise[anchor]), model.fades, rays,
         visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
-        amplitudes.probability.copy(), amplitudes.signal,
+        amplitudes.probability.copy(), amplitudes.radio,
     )  # fmt: skip
 
 

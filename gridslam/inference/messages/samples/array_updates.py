@@ -17,12 +17,11 @@ from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels import LEAST_SENDING
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn
 from gridslam.world.radio import BINS, REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
 
-LIKELY = 0.1
-"""Probability of its ray and surfaces from which on a path sends to cells."""
 STAY = 0.97
 """Chance that a path is as it was, open and there or not; else the grid and its ray say what it is."""
 SUREST = 1e-7
@@ -83,7 +82,7 @@ def update_existence(
     existence = np.minimum(expit(np.clip(odds + log, -40.0, 40.0)), 1 - SUREST)
 
     belief, chance = rays.surfaces * there, snapshot.chance
-    factor = np.column_stack([belief * worth + 1 - belief, belief > LIKELY])
+    factor = np.column_stack([belief * worth + 1 - belief, belief > LEAST_SENDING])
     share = chance * worth / (chance * worth + 1 - chance)
     summary = np.stack([rays.surfaces, there * open_, share, snapshot.length])
     work.messages.append(rays.table, factor, summary, (len(bank), len(los)))

@@ -150,12 +150,12 @@ def _blocks(rows: int, particles: int) -> Array:
 def _weighed(offset: Array, root: Array, products: Array, rows: Array) -> Array:
     """Log densities (P,), see `weigh_particles`; `offset` and `root` are those of paths, then of samples."""
     runtime.start()
-    from gridslam.kernels.messages.particle_densities import LANES, OFTEN, weigh_particles
+    from gridslam.kernels.messages.particle_densities import LANES, PIVOTS, weigh_particles
 
     parts, blocks = products.shape[2], offset.shape[1] // LANES
     size, directions = len(rows), rows.shape[1]
     explained = np.empty((blocks, LANES))
-    pivots = np.empty((-(-size // OFTEN), blocks, LANES))
+    pivots = np.empty((-(-size // PIVOTS), blocks, LANES))
     terms = rows.shape[-1], products.shape[-1]
     weigh_particles(
         np.array([size // parts, directions, parts, *terms, CHUNKS, blocks], np.int32), TRUE,
