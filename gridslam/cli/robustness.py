@@ -69,11 +69,11 @@ def _show(results: list[Result]) -> None:
 
     from gridslam.studies.robustness import KINDS
 
-    sheet = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    printed = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     titles = "scene", "disturbance", "before", "during", "after", "worst", "steps to\nrecover"
     for title in (*titles, "unwell before\nduring, after", "surfaces", "s/step", "good"):
         right = title not in ("scene", "disturbance")
-        sheet.add_column(title, justify="right" if right else "left", no_wrap=True)
+        printed.add_column(title, justify="right" if right else "left", no_wrap=True)
 
     def number(values: list[float], form: str) -> str:
         known = [v for v in values if np.isfinite(v)]
@@ -85,7 +85,7 @@ def _show(results: list[Result]) -> None:
         unwell = (
             [r.unwell_before for r in own], [r.unwell_during for r in own], [r.unwell_after for r in own],
         )  # fmt: skip
-        sheet.add_row(
+        printed.add_row(
             scene,
             KINDS[case].description,
             number([r.before for r in own], ".2f"),
@@ -98,7 +98,7 @@ def _show(results: list[Result]) -> None:
             f"{np.mean([r.seconds_per_step for r in own]):.3f}",
             f"{sum(r.good for r in own)}/{len(own)}",
         )
-    Console(width=max(out.width, WIDEST_TABLE)).print(sheet)
+    Console(width=max(out.width, WIDEST_TABLE)).print(printed)
     note = (
         "position error over known-map bound; after: from 50 steps after the disturbance (or the start) on; "
         "unwell: share of steps at which health isn't ok; good: within 2 bounds after, or said not to be"

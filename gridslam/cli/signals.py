@@ -86,8 +86,8 @@ def calibrate(
         raise InputError("-o", repr(output.name), "a name that ends in .h5")
     refuse_taken([output], overwrite)
     world, recording = Scene.load(scene), Recording.load(file)
-    sheet = None if prior is None else Map.load(prior)
-    found = errors_of(world, recording, sheet, agent, same_frame)
+    earlier_map = None if prior is None else Map.load(prior)
+    found = errors_of(world, recording, earlier_map, agent, same_frame)
     replace(recording, waveform=found.waveform).to_h5(output)
     lines = [f"wrote {output}: {counted(len(recording), 'step')}, array and pulse as found"]
     for n, (error, spread) in enumerate(zip(found.element_error_m, found.element_std_m, strict=True)):

@@ -85,16 +85,16 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     else:
         _require_linked(found, _names(grid.provenance), places, named, f"{where}: frame", scene.name)
     try:
-        sheet = grid.resample(scene.grid.origin_m, scene.grid.cell_m, scene.grid.shape)
+        on_grid = grid.resample(scene.grid.origin_m, scene.grid.cell_m, scene.grid.shape)
     except InputError as error:
         raise InputError(error.where.replace("map", where, 1), error.found, error.allowed) from error
     notes = [f"{where}: whoever made it was told the {grid.truth_given}"] if grid.truth_given else []
     if grid.lost:
         notes.append(f"{where}: {grid.lost} was lost in the end, so nobody goes on from it")
-    if sheet is not grid:
-        sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, sheet)]
+    if on_grid is not grid:
+        sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, on_grid)]
         notes.append(f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}")
-    return sheet, "; ".join(notes) or None
+    return on_grid, "; ".join(notes) or None
 
 
 def refuse_lost(maps: Sequence[Map], names: Sequence[str]) -> None:

@@ -77,16 +77,16 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
         raise InputError(
             "fuse: extent", f"{rows} x {columns} cells together", f"at most {LARGEST_CELLS} cells"
         )
-    sheets = [grid.resample(origin, cell, (rows, columns)) for grid in ordered]
+    resampled = [grid.resample(origin, cell, (rows, columns)) for grid in ordered]
     surfaces, posterior, joint = merge_surfaces(ordered, 0.5 * (origin + corner))
     features, covariance = merge_features(ordered)
     return Map(
         origin,
         cell,
-        np.add.reduce([sheet.evidence for sheet in sheets], dtype=np.float64),
-        np.add.reduce([sheet.coefficient for sheet in sheets], dtype=np.float64),
-        np.any([sheet.observed for sheet in sheets], axis=0),
-        sheets[0].prior,
+        np.add.reduce([one.evidence for one in resampled], dtype=np.float64),
+        np.add.reduce([one.coefficient for one in resampled], dtype=np.float64),
+        np.any([one.observed for one in resampled], axis=0),
+        resampled[0].prior,
         surfaces,
         posterior,
         _joined([grid.provenance for grid in ordered]),

@@ -107,10 +107,10 @@ def map_scene(
     with _watcher(progress, slam.agent, measurements) as tell:
         done = run_steps(partial(stepped, slam), slam, measurements, before, tell, watch, checkpoint)
     estimates = done.estimates
-    last, sheet = estimates[-1], stamped(mapped(slam), scene)
+    last, final_map = estimates[-1], stamped(mapped(slam), scene)
     surfaces = last.surfaces.take(last.detected)
-    if sheet.surfaces is not None and not any(len(e.surfaces) for e in estimates):
-        surfaces = sheet.surfaces  # of features: no step tells them
+    if final_map.surfaces is not None and not any(len(e.surfaces) for e in estimates):
+        surfaces = final_map.surfaces  # of features: no step tells them
     trajectory = believed_track(estimates, scene.agent(slam.agent).height_m)
     return Run(
         scene=scene,
@@ -122,7 +122,7 @@ def map_scene(
         trajectory=trajectory,
         covariance=np.array([e.covariance for e in estimates]),
         surfaces=surfaces,
-        map=sheet,
+        map=final_map,
         seconds_per_step=done.seconds_per_step,
         peak_memory_mb=done.peak_memory_mb,
         began=start or assumed_start(scene, slam.agent, seed, "exact"),

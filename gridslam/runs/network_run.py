@@ -174,7 +174,7 @@ def map_network(
     slam, before = begun(system, checkpoint, start)
     done = run_steps(slam.step, slam, measurements, before, progress, watch, checkpoint)
     estimates = done.estimates
-    sheet, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
+    final_map, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
     for name in names:
         own = [one for one in (all_of.agents[name] for all_of in estimates) if one is not None]
         if not own:
@@ -189,7 +189,7 @@ def map_network(
             trajectory=believed_track(own, scene.agent(name).height_m),
             covariance=np.array([one.covariance for one in own]),
             surfaces=own[-1].surfaces.take(own[-1].detected),
-            map=sheet,
+            map=final_map,
             seconds_per_step=done.seconds_per_step,
             peak_memory_mb=done.peak_memory_mb,
             began=(starts or {}).get(name) or assumed_start(scene, name, seed, "exact"),

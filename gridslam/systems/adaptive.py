@@ -51,43 +51,52 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
     """One step, as the list of its messages ([Li2025adaptive], section V)."""
     work.begin()
-    exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
-    state = form.predict(state, scan.time_s, len(scan), model, work=work)
-    reckoned = state.calibration
-    model = work.calibrated(with_levels(model, state.levels), reckoned.turned, state.belief.higher)
+    exchanges, earlier_s, representation = list[Exchange](), state.time_s, representation_of(state, model)
+    state = representation.predict(state, scan.time_s, len(scan), model, work=work)
+    calibration_used = state.calibration
+    model = work.calibrated(with_levels(model, state.levels), calibration_used.turned, state.belief.higher)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
-    recalled = state = form.recall(state, model, work=work)
+    recalled = state = representation.recall(state, model, work=work)  # docs/model.md, section 9
     for anchor_scan in scans:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
-        paths = form.predict_paths(state, anchor_scan.anchor, model, work=work)  # eqs. (13), (14)
+        paths = representation.predict_paths(  # eqs. (13), (14)
+            state, anchor_scan.anchor, model, work=work
+        )
         amplitudes = predict_amplitudes(  # eq. (13), amplitude
             state, paths, anchor_scan, model.radio, work=work
         )
-        cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
+        cloud, ratios = evaluate(  # eqs. (19)-(21)
+            anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work
+        )
         ratios = weigh_elevations(state, anchor_scan, paths, ratios, radio, model)  # (M302)
-        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
-        births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, work=work)
+        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)  # (M46)
+        births, ratios = propose_births(  # eq. (22)
+            state, anchor_scan, cloud, ratios, radio, model, work=work
+        )
         births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
         births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
-        state, exchange = form.update_surfaces_and_agent(
-            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
+        state, exchange = representation.update_surfaces_and_agent(  # V-B, 4 to 6 and 8
+            state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
-        state = form.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
+        state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         state = update_amplitudes(  # eq. (26)
             state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work
         )
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
-        state, exchange, born = form.add_births(state, births, anchor_scan, exchange, radio, model, work=work)
+        state, exchange, born = representation.add_births(  # eq. (25)
+            state, births, anchor_scan, exchange, radio, model, work=work
+        )
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = form.park(recalled, merge_and_prune(state, model, None, exchanges=exchanges), model, work=work)
-    free = unclaimed(exchanges)
-    state = remember_leftovers(state, scans, free, model, work=work)
-    state = gather_unexplained(state, scans, free, model, work=work)  # (M432)
-    return conclude(state, exchanges, reckoned, model, work)
+    state = merge_and_prune(state, model, most=None, exchanges=exchanges)  # docs/model.md, section 9
+    state = representation.park(recalled, state, model, work=work)
+    unclaimed_rows = unclaimed(exchanges)
+    state = remember_leftovers(state, scans, unclaimed_rows, model, work=work)
+    state = gather_unexplained(state, scans, unclaimed_rows, model, work=work)  # (M432)
+    return conclude(state, exchanges, calibration_used, model, work)
 
 
 class AdaptiveSlam(SurfaceFilter):

@@ -88,13 +88,13 @@ def _read_inherited(file: h5py.File, scene: Scene) -> Map:
     """What of an earlier agent's map goes into the one that is made."""
     where = f"{file.filename}: /inherited"
     try:
-        sheet = Map(**get_map(subgroup(file, "inherited"), where))
+        inherited = Map(**get_map(subgroup(file, "inherited"), where))
     except InputError as error:
         named = error.where if error.where.startswith(where) else where
         raise InputError(named, error.found, error.allowed) from error
-    if sheet.shape != scene.grid.shape:
-        raise InputError(where, f"{sheet.shape} cells", f"{scene.grid.shape}, those of the scene")
-    return sheet
+    if inherited.shape != scene.grid.shape:
+        raise InputError(where, f"{inherited.shape} cells", f"{scene.grid.shape}, those of the scene")
+    return inherited
 
 
 def _read_origin(known: dict[str, Any], path: str) -> tuple[dict[str, list[Any]], Identity]:

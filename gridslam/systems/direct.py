@@ -248,7 +248,7 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
         table = image_surfaces(self.state, self.model)
         found, blank = detected(table.existence, self.model.settings), Map.of_scene(self.scene)
         uniform = np.full((int(found.sum()), len(REFLECTION_BINS)), 1 / len(REFLECTION_BINS))
-        sheet = dataclasses.replace(
+        own_map = dataclasses.replace(
             blank, surfaces=table.take(found), surface_reflection=uniform, provenance=self.latest()
         )
-        return stamped(sheet, self.scene)
+        return stamped(own_map, self.scene)

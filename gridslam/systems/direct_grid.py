@@ -53,10 +53,10 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
     listened = list[tuple[Snapshot, SnapshotLikelihood]]()
     exchanges = [SnapshotExchange.silent(anchor) for anchor in range(len(model.anchors))]
     state = predict(state, scan.time_s, len(scan), model)
-    reckoned = state.calibration
+    calibration_used = state.calibration
     for anchor in np.flatnonzero(scan.heard).tolist():
         state = start_noise(state, anchor, scan, model)
-        radio = reckoned.tuned(model.radio, anchor)
+        radio = calibration_used.tuned(model.radio, anchor)
         paths, visible = cast_paths(state, anchor, model, work=work)  # (M36)
         amplitudes = Reflected(visible.products, radio)  # (M41)
         snapshot = take_snapshot(state, anchor, scan, paths, visible, amplitudes, model, work=work)
@@ -73,7 +73,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         state = update_coefficients_by_ratios(state, drawn, listened, model, work=work)  # (M155)
         state = update_cells(state, work=work)
     state = merge_and_prune(state, model, by_ratio=True)
-    return conclude(state, exchanges, reckoned, model, work)
+    return conclude(state, exchanges, calibration_used, model, work)
 
 
 def require_arrays(waveform: Waveform) -> None:

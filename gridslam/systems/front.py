@@ -118,13 +118,13 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         table = surface_estimate(state, work=self.work)
         found = detected(table.existence, self.model.settings)
         joint = lines_covariance(state.belief, found)
-        sheet = bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
+        own_map = bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
         levels = () if state.levels is None else zip(self.model.level_names, state.levels, strict=True)
-        sheet = replace(sheet, levels={name: belief for name, belief in levels if belief.any()})
+        own_map = replace(own_map, levels={name: belief for name, belief in levels if belief.any()})
         earlier = self.inherited
         if earlier is not None:
-            sheet = replace(
-                sheet, evidence=earlier.evidence, coefficient=earlier.coefficient, observed=earlier.observed
+            own_map = replace(
+                own_map, evidence=earlier.evidence, coefficient=earlier.coefficient, observed=earlier.observed
             )
         handed = (None, None) if earlier is None else (earlier.features, earlier.feature_covariance)
         array = self.scene.agent(self.agent).array
@@ -132,7 +132,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         features, spread = left_features(
             state.unexplained, *handed, table.line[found], self.model.anchor_positions, elements
         )
-        return sheet if features is None else replace(sheet, features=features, feature_covariance=spread)
+        return own_map if features is None else replace(own_map, features=features, feature_covariance=spread)
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
@@ -207,13 +207,13 @@ def bare_map(
     `joint` is the covariance of all lines, (2 S, 2 S), of methods that keep one.
     """
     grid, bins = slam.scene.grid, len(REFLECTION_BINS)
-    sheet = Map(
+    own_map = Map(
         np.array(grid.origin_m), grid.cell_m, np.zeros(grid.shape, np.float32),
         np.zeros((*grid.shape, bins), np.float32), np.zeros(grid.shape, dtype=bool),
         float(1 - np.exp(-grid.cell_m / slam.scene.filter.mean_free_path_m)), surfaces, reflection.copy(),
         slam.latest(), surface_covariance=joint if len(surfaces) else None,
     )  # fmt: skip
-    return stamped(sheet, slam.scene)
+    return stamped(own_map, slam.scene)
 
 
 def inherit_levels(model: FilterModel, prior: Map | None) -> Array | None:

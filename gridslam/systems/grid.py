@@ -56,19 +56,22 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
     """One step, as the list of its messages ([Li2026grid], section III)."""
     work.begin()
-    exchanges, earlier_s, form = list[Exchange](), state.time_s, representation_of(state, model)
-    state = form.predict(state, scan.time_s, len(scan), model, work=work)  # eqs. (4), (5), (12)
-    reckoned = state.calibration
-    model = work.calibrated(with_levels(model, state.levels), reckoned.turned, state.belief.higher)
+    exchanges, earlier_s, representation = list[Exchange](), state.time_s, representation_of(state, model)
+    state = representation.predict(state, scan.time_s, len(scan), model, work=work)  # eqs. (4), (5), (12)
+    calibration_used = state.calibration
+    model = work.calibrated(with_levels(model, state.levels), calibration_used.turned, state.belief.higher)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
-    recalled = state = form.recall(state, model, work=work)
+    recalled = state = representation.recall(state, model, work=work)  # docs/model.md, section 9
     for anchor_scan in scans:  # eqs. (6), (7): each begins with what the one before it left
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
-        paths, visible = form.cast_paths(state, anchor_scan.anchor, model, work=work)  # eqs. (1), (13), (14)
+        paths, visible = representation.cast_paths(  # eqs. (1), (13), (14)
+            state, anchor_scan.anchor, model, work=work
+        )
         amplitudes = reflected(visible.products, paths.rays, radio, state.levels)  # eq. (2)
-        # eqs. (8)-(10), (17)-(42): likelihoods, then association and beliefs
-        cloud, ratios = evaluate(anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work)
+        cloud, ratios = evaluate(  # eqs. (8)-(10), and the messages into the association, (17)-(42)
+            anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work
+        )
         ratios = weigh_elevations(state, anchor_scan, paths, ratios, radio, model)  # (M302)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)  # (M46)
         births, ratios = propose_births(  # eq. (11)
@@ -76,22 +79,27 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         )
         births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
         births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
-        state, exchange = form.update_surfaces_and_agent(  # (M26) to (M31)
-            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
+        # association, section III-D, then beliefs of agent, surfaces and rays: (M26) to (M31)
+        state, exchange = representation.update_surfaces_and_agent(
+            state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
-        state = form.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
+        state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
-        state, exchange, _ = form.add_births(state, births, anchor_scan, exchange, radio, model, work=work)
+        state, exchange, _ = representation.add_births(  # (M33), (M34)
+            state, births, anchor_scan, exchange, radio, model, work=work
+        )
         exchanges.append(exchange)
+    # in `work`: what every update noted of its paths, and what `cast_messages` adds up for the cells
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)  # (M42)
     state = update_cells(state, work=work)  # eq. (46)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = form.park(recalled, merge_and_prune(state, model, None, exchanges=exchanges), model, work=work)
-    free = unclaimed(exchanges)
-    state = remember_leftovers(state, scans, free, model, work=work)
-    state = gather_unexplained(state, scans, free, model, work=work)  # (M432)
-    return conclude(state, exchanges, reckoned, model, work)
+    state = merge_and_prune(state, model, most=None, exchanges=exchanges)  # section III-F
+    state = representation.park(recalled, state, model, work=work)  # docs/model.md, section 9
+    unclaimed_rows = unclaimed(exchanges)
+    state = remember_leftovers(state, scans, unclaimed_rows, model, work=work)
+    state = gather_unexplained(state, scans, unclaimed_rows, model, work=work)  # (M432)
+    return conclude(state, exchanges, calibration_used, model, work)
 
 
 class GridSlam(SurfaceFilter):
@@ -128,11 +136,11 @@ class GridSlam(SurfaceFilter):
         return with_cells(super().map(), self.state)
 
 
-def with_cells(sheet: Map, state: State) -> Map:
+def with_cells(own: Map, state: State) -> Map:
     """A map with the cells of a state."""
     grid = state.require_grid()
     return replace(
-        sheet,
+        own,
         evidence=grid.evidence.astype(np.float32),
         coefficient=grid.coefficient,
         observed=grid.observed.copy(),

@@ -110,23 +110,24 @@ class HybridFilter(SignalFilter[HybridState]):
             return earlier
         table, joint = feature_estimate(belief, self.model.anchor_positions)
         mirrors = mirrors_of(table, belief, self.model)
-        sheet = Map.of_scene(self.scene) if earlier is None else earlier
-        known = KnownSurfaces.of(sheet.surfaces, sheet.surface_reflection, sheet.surface_covariance)
+        own_map = Map.of_scene(self.scene) if earlier is None else earlier
+        known = KnownSurfaces.of(own_map.surfaces, own_map.surface_reflection, own_map.surface_covariance)
         start = None if earlier is None else given_features(earlier, self.model)
         known = surfaces_after(known, start, mirrors, table, joint, belief.sightings)
         if earlier is not None:
             table, joint = with_others(table, joint, earlier.features, earlier.feature_covariance, self.model)
-        sheet = replace(
-            sheet, features=table, feature_covariance=joint, provenance=self.latest(),
-            evidence=sheet.evidence + mirrors.grid.evidence, observed=sheet.observed | mirrors.grid.observed,
-            coefficient=sheet.coefficient + mirrors.grid.coefficient,
+        own_map = replace(
+            own_map, features=table, feature_covariance=joint, provenance=self.latest(),
+            evidence=own_map.evidence + mirrors.grid.evidence,
+            observed=own_map.observed | mirrors.grid.observed,
+            coefficient=own_map.coefficient + mirrors.grid.coefficient,
         )  # fmt: skip
         if len(known.table):
-            sheet = replace(
-                sheet, surfaces=known.table, surface_reflection=known.reflection,
+            own_map = replace(
+                own_map, surfaces=known.table, surface_reflection=known.reflection,
                 surface_covariance=known.covariance,
             )  # fmt: skip
-        return stamped(sheet, self.scene)
+        return stamped(own_map, self.scene)
 
     def _sights(self, info: HybridInfo) -> PathEstimate:
         """The lines of sight, each with the probability that it is there."""

@@ -112,8 +112,8 @@ def turn(
     work: Workspace,
 ) -> tuple[State, StepInfo]:
     """One agent's messages about its view: those of adaptive SLAM, over the paths of all anchors at once."""
-    exchanges, reckoned = list[Exchange](), state.calibration
-    model = work.calibrated(model, reckoned.turned)
+    exchanges, calibration_used = list[Exchange](), state.calibration
+    model = work.calibrated(model, calibration_used.turned)
     senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
     for anchor_scan in scans:
@@ -125,14 +125,14 @@ def turn(
         births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, senders, work=work)
         ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
-            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
+            state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
         state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         state, exchange, born = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
-    return conclude(state, exchanges, reckoned, model, work)
+    return conclude(state, exchanges, calibration_used, model, work)
 
 
 def by_anchor(

@@ -73,8 +73,8 @@ def turn(
     work: Workspace,
 ) -> tuple[State, StepInfo]:  # fmt: skip
     """One agent's messages about its view: those of grid SLAM, over the paths of all anchors at once."""
-    exchanges, reckoned = list[Exchange](), state.calibration
-    model = work.calibrated(model, reckoned.turned)
+    exchanges, calibration_used = list[Exchange](), state.calibration
+    model = work.calibrated(model, calibration_used.turned)
     senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
     for anchor_scan in scans:
@@ -88,11 +88,11 @@ def turn(
         )
         ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
-            state, anchor_scan, paths, ratios, reckoned.turned, model, work=work
+            state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
         state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)
-    return conclude(state, exchanges, reckoned, model, work)
+    return conclude(state, exchanges, calibration_used, model, work)
 
 
 class NetworkGridSlam(NetworkFilter):

@@ -50,8 +50,8 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     exchanges, earlier_s = list[Exchange](), state.time_s
     state = ranging.move_rings(state, scan.time_s, model)
     state = predict(state, scan.time_s, len(scan), model)
-    reckoned = state.calibration
-    model = work.calibrated(model, reckoned.turned)
+    calibration_used = state.calibration
+    model = work.calibrated(model, calibration_used.turned)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     for anchor_scan in scans:
@@ -63,7 +63,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         births, ratios = propose_births(state, anchor_scan, cloud, ratios, level, model, work=work)
         given, tentative = ranging.associate_with_rings(state, anchor_scan, ratios, radio, model)
         state, exchange = update_surfaces_and_agent(
-            state, anchor_scan, paths, ratios, reckoned.turned, model, given, work=work
+            state, anchor_scan, paths, ratios, calibration_used.turned, model, given, work=work
         )
         state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
@@ -75,9 +75,10 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
         exchanges.append(exchange)
     state = ranging.join_shrunk_rings(state, radio, model)
-    state = ranging.follow_belief(state, forget_amplitudes(merge_and_prune(state, model)))
+    merged = forget_amplitudes(merge_and_prune(state, model))  # docs/model.md, section 9
+    state = ranging.follow_belief(state, merged)
     state = ranging.prune_rings(state, model)
-    return conclude(state, exchanges, reckoned, model, work)
+    return conclude(state, exchanges, calibration_used, model, work)
 
 
 class VirtualAnchorSlam(SurfaceFilter):

@@ -88,21 +88,22 @@ class NetworkInfo:
 
 
 def conclude(
-    state: State, exchanges: Sequence[Exchanged], reckoned: Calibration, model: FilterModel, work: Workspace
-) -> tuple[State, StepInfo]:
+    state: State, exchanges: Sequence[Exchanged], calibration_used: Calibration, model: FilterModel,
+    work: Workspace,
+) -> tuple[State, StepInfo]:  # fmt: skip
     """Update calibration and health, count the step, and assemble what it reports.
 
     Parameters
     ----------
-    reckoned : Calibration
+    calibration_used : Calibration
         The calibration that the step used.
     """
     fits = np.concatenate([exchange.fit for exchange in exchanges])
     monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)
     spread = math.sqrt(state.belief.covariance[0, 0] + state.belief.covariance[1, 1])
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
-    health, monitor = monitor.assess(calibration, reckoned.turned, model, spread, effective)
+    health, monitor = monitor.assess(calibration, calibration_used.turned, model, spread, effective)
     found_again = monitor.since == 0
     state = replace(state, calibration=calibration, monitor=monitor, step=state.step + 1)
-    times, turned = work.times(), reckoned.turned
-    return state, StepInfo(tuple(exchanges), health, times, found_again, turned, reckoned.gain)
+    times, turned = work.times(), calibration_used.turned
+    return state, StepInfo(tuple(exchanges), health, times, found_again, turned, calibration_used.gain)

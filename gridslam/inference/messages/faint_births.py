@@ -117,22 +117,23 @@ def borne_out(
 
 
 def remember_leftovers(
-    state: State, scans: Sequence[AnchorScan], free: NDArray[np.bool_], model: FilterModel, *, work: Workspace
-) -> State:
+    state: State, scans: Sequence[AnchorScan], unclaimed_rows: NDArray[np.bool_], model: FilterModel, *,
+    work: Workspace,
+) -> State:  # fmt: skip
     """Keep what was probably no known path's, nor bore a surface, for later steps.
 
     Measurements that lack distance, an angle or the amplitude aren't kept.
 
     Parameters
     ----------
-    free : (M,) bool
+    unclaimed_rows : (M,) bool
         What is `unclaimed`.
     """
     if state.leftovers is None:
         return state
     own = work.once(own_deviations, scans, model.radio)
     whole, anchor, value, std, amplitude = work.once(_stated, scans, own)
-    (rows,), belief = (whole & free).nonzero(), state.belief
+    (rows,), belief = (whole & unclaimed_rows).nonzero(), state.belief
     leftovers = state.leftovers.joined(
         belief.mean[POSE], belief.covariance[OF_POSE], anchor[rows], value[rows], std[rows], amplitude[rows]
     )
@@ -141,13 +142,13 @@ def remember_leftovers(
 
 def unclaimed(exchanges: Sequence[Exchange]) -> NDArray[np.bool_]:
     """Measurements (M,) of all anchors that were probably no known path's, nor bore a surface."""
-    free = np.concatenate([exchange.responsible.sum(0) for exchange in exchanges]) < KNOWN
+    unclaimed_rows = np.concatenate([exchange.responsible.sum(0) for exchange in exchanges]) < KNOWN
     first = 0
     for exchange in exchanges:
         if len(exchange.born):
-            free[first + exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
+            unclaimed_rows[first + exchange.born[exchange.born[:, 1] > KNOWN, 0].astype(np.intp)] = False
         first += exchange.message.shape[2]
-    return np.asarray(free)
+    return np.asarray(unclaimed_rows)
 
 
 def _stated(

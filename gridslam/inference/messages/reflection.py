@@ -97,7 +97,9 @@ def _nodes(amplitude_at_1m: float) -> Array:
 
 @timed("cells")
 def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, work: Workspace) -> State:
-    """Learn coefficients of surfaces and cells from a step's amplitudes, and where surfaces were hit.
+    """Learn coefficients of surfaces and cells from a step's amplitudes, (M42), and where surfaces were hit.
+
+    Detections are counted, too, and the stretches that were hit moved and made longer, (M391).
 
     Parameters
     ----------

@@ -25,21 +25,22 @@ def none_yet(model: FilterModel) -> Unexplained | None:
 
 
 def gather_unexplained(
-    state: State, scans: Sequence[AnchorScan], free: NDArray[np.bool_], model: FilterModel, *, work: Workspace
-) -> State:
+    state: State, scans: Sequence[AnchorScan], unclaimed_rows: NDArray[np.bool_], model: FilterModel, *,
+    work: Workspace,
+) -> State:  # fmt: skip
     """The state with the step's measurements that were probably no known path's, nor bore a surface.
 
     Kept are those of distance, angle of arrival and amplitude.
 
     Parameters
     ----------
-    free : (M,) bool
+    unclaimed_rows : (M,) bool
         What is `unclaimed`.
     """
     known, scan = state.unexplained, whole_of(scans)
     if known is None or not len(scan):
         return state
-    (rows,) = (scan.arriving & free).nonzero()
+    (rows,) = (scan.arriving & unclaimed_rows).nonzero()
     if not len(rows):
         return state
     own, belief, several = work.once(own_deviations, scans, model.radio), state.belief, len(rows)
