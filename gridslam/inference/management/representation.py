@@ -82,7 +82,12 @@ class JointGaussian:
 
 
 class SeparateGaussians(JointGaussian):
-    """One Gaussian of the agent and one of each surface: what they have in common is dropped."""
+    """One Gaussian of the agent and one of each surface: what they have in common is dropped.
+
+    Within an anchor's messages the joint Gaussian is corrected as it is. It is taken apart where surfaces may
+    have joined: by `recall`, `park`, and `add_births`, which a step calls for every anchor, born any or none.
+    So no correlation outlasts the anchor that made it.
+    """
 
     def with_surfaces(self, state: State, model: FilterModel, work: Workspace) -> State:
         """Without the correlations that the latest messages made."""
