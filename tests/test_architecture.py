@@ -221,6 +221,39 @@ def test_one_function_says_what_is_declared_to_exist():
     assert users == {"gridslam.world.filter_model"}
 
 
+@pytest.mark.parametrize("folder", ["systems", "inference/management"])
+def test_the_page_names_every_file_of_the_rooms_it_lists_by_file(folder):
+    page = (PACKAGE.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{folder}/` |")]
+    files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"}
+    assert {name for name in files if f"`{name}`" not in row} == set()
+
+
+def is_serial(kernel):
+    """Whether each outer loop of a kernel is kept from running in parallel, whatever the device."""
+    serial, loops = False, []
+    for line in kernel.body:
+        if isinstance(line, ast.For):
+            loops.append(serial)
+            serial = False
+        elif "loop_config" in (text := ast.unparse(line)):  # of the next loop
+            serial = text == "ti.loop_config(serialize=True)"
+    assert loops, kernel.name
+    return all(loops)
+
+
+def test_the_page_says_how_many_kernels_have_no_parallel_loop():
+    found = [
+        is_serial(node)
+        for module in modules()
+        if module.startswith("gridslam.kernels")
+        for node in ast.walk(syntax(module))
+        if isinstance(node, ast.FunctionDef) and "ti.kernel" in map(ast.unparse, node.decorator_list)
+    ]
+    page = (PACKAGE.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert f"{sum(found)} of the {len(found)} have no parallel loop on any device" in page
+
+
 MOST_ARGUMENTS = 12
 LONG = {"gridslam.measurements.recording.from_arrays": "a column of a user's recording each, as in its file"}
 """Functions that may take more, and why."""

@@ -1,1 +1,2 @@
-"""Merging and pruning, ghosts, recovery of a lost pose, what a step reports, estimates for users."""
+"""Hypotheses, their challengers, starts that aren't found yet, how agent and surfaces are held, parking,
+merging and pruning, ghosts, recovery of a lost pose, what a step reports, estimates for users."""
