@@ -34,9 +34,6 @@ are found."""
 SEEN_ELSEWHERE = 0.3
 """Existence of another anchor's ray at which a surface isn't a ghost; below it for all, it is silent."""
 
-SAME_LINE, SAME_LINE_SLACK = 9.0, (1e-4, 2.5e-5)
-"""Squared deviations up to which two lines are one; variances of gap (m^2), turn (rad^2) always allowed."""
-
 LIKELIER_THAN_NOT = 0.5
 """Probability of having caused a measurement above which a path is held to have done so."""
 

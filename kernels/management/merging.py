@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import OFTENER, REPLACES, SAME_LINE, SAME_LINE_SLACK, SEEN_ELSEWHERE
+from gridslam.kernels import OFTENER, REPLACES, SEEN_ELSEWHERE
 from gridslam.kernels.primitives.functions import PI, cos_of, dot, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
 from gridslam.kernels.primitives.launching import copying
@@ -10,6 +10,8 @@ from gridslam.kernels.primitives.layout import line_entry
 
 ALIKE = 0.5
 """Turn (rad) and gap (m) within which two surfaces may be one."""
+SAME_LINE, SAME_LINE_SLACK = 9.0, (1e-4, 2.5e-5)
+"""Squared deviations up to which two lines are one; variances of gap (m^2), turn (rad^2) always allowed."""
 SURE, SHARP_M = 0.9, 0.1
 """Existence and deviation of the offset from which on a surface may take another's place."""
 NEAR_M, SLACK_M, GATE = 0.5, 0.02, 9.0

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.arrays import replace
+from gridslam.arrays import Array, replace
 from gridslam.inference.management.ghosts import drop_ghosts
 from gridslam.inference.messages.motion import BEYOND_DOUBT
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.belief import Belief, keep, update
+from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT
@@ -110,6 +111,31 @@ def merge(
         two[older], two[:, older] = either, either
         two = np.ascontiguousarray(two[rest][:, rest])
     return bank, belief
+
+
+def are_one(older: Array, younger: Array, covariance: Array, foot: float) -> bool:
+    """Whether two lines are one, as `merge` tells it of those of one belief.
+
+    Parameters
+    ----------
+    older, younger : (2,)
+        Angle (rad) and offset (m).
+    covariance : (4, 4)
+        Of the older one, then the younger.
+    foot : float, m
+        Tangential coordinate of the younger one's latest hit.
+    """
+    runtime.start()
+    from gridslam.kernels.management.merging import find_duplicates
+
+    mean, joint = np.zeros(AGENT + 4), np.zeros((AGENT + 4, AGENT + 4))
+    mean[AGENT:], joint[AGENT:, AGENT:] = np.concatenate([older, younger]), covariance
+    found, all_anchors = np.empty(2, np.int32), np.full(2, -1)
+    find_duplicates(
+        mean, joint, AGENT, np.array([0.0, foot]), all_anchors, np.zeros((2, 2), np.uint8), found,
+        np.empty((2, 5)),
+    )  # fmt: skip
+    return bool(found[0] >= 0)
 
 
 def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:

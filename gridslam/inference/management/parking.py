@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.management.in_sight import shortest_path
-from gridslam.inference.management.merging import MOST_SURFACES
+from gridslam.inference.management.merging import MOST_SURFACES, are_one
 from gridslam.inference.messages.motion import BEYOND_DOUBT
 from gridslam.inference.state.arrangement import arranged, lasting, without
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.state import State
-from gridslam.kernels import SAME_LINE, SAME_LINE_SLACK
 from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.geometry import unit, wrap
 
@@ -118,33 +117,22 @@ def hidden(state: State, model: FilterModel) -> NDArray[np.bool_]:
 def same_as_young(state: State, parked: Parked) -> NDArray[np.bool_]:
     """Which young surfaces of the joint belief may be the same wall as which parked ones, (S, P).
 
-    By turn, and gap where the young one was hit, within the joint covariance of both: what `find_duplicates`
-    asks of two lines of one belief, here of one inside and one beside it.
+    By `are_one`, within the joint covariance of both, of those near each other by turn, and gap where the
+    young one was hit.
     """
     bank, lines, own = state.surfaces, parked.lines, state.belief.lines
-    gap_slack, turn_slack = SAME_LINE_SLACK
-    normal, along = unit(own[:, 0]), unit(own[:, 0] + 0.5 * np.pi)
-    place = own[:, 1, None] * normal + bank.foot[:, None] * along
-    turned = (
-        own[:, 1, None] * along - bank.foot[:, None] * normal
-    )  # by which the place moves as the line turns
+    place = own[:, 1, None] * unit(own[:, 0]) + bank.foot[:, None] * unit(own[:, 0] + 0.5 * np.pi)
     turn = wrap(own[:, None, 0] - lines[:, 0])
     turn = np.where(np.abs(turn) > 0.5 * np.pi, wrap(turn + np.pi), turn)
     gap = lines[:, 1] - place @ unit(lines[:, 0]).T
     same = (np.abs(turn) < FAR_RAD) & (np.abs(gap) < FAR_M) & (bank.age <= YOUNG)[:, None]
     same &= bank.owner[:, None] == parked.surfaces.owner
     for young, old in np.argwhere(same).tolist():
-        across, side = unit(lines[old, 0]), unit(lines[old, 0] + 0.5 * np.pi)
-        slope = np.array(
-            [[1, 0, -1, 0], [-across @ turned[young], -across @ normal[young], -side @ place[young], 1]]
-        )
         rows, there = state.belief.layout.line(young), 2 * old + np.arange(2)
         cross = parked.cross[np.ix_(there, rows)]
         joint = np.block([
-            [state.belief.covariance[np.ix_(rows, rows)], cross.T],
-            [cross, parked.covariance[np.ix_(there, there)]],
+            [parked.covariance[np.ix_(there, there)], cross],
+            [cross.T, state.belief.covariance[np.ix_(rows, rows)]],
         ])  # fmt: skip
-        spread = slope @ joint @ slope.T + np.diag([turn_slack, gap_slack])
-        off = np.array([turn[young, old], gap[young, old]])
-        same[young, old] = off @ np.linalg.solve(spread, off) < SAME_LINE
+        same[young, old] = are_one(lines[old], own[young], joint, float(bank.foot[young]))
     return same
