@@ -20,7 +20,7 @@ FAINT = 1e-3
 """Probability of an association below which it says nothing about coefficients."""
 LEAST_SHARE = 0.05
 """Probability of having caused a measurement from which on double bounces teach coefficients, and single ones
-that send nothing to cells do."""
+that send nothing to cells do; by samples, from which on single ones teach surfaces."""
 
 
 @ti.func
@@ -224,7 +224,10 @@ def learn_ratios(
     known: pack(Coefficients),
     hits: pack(Hits),
 ):
-    """As `learn`, by log-likelihoods that are given: they hold detections and misses in one."""
+    """As `learn`, by log-likelihoods that are given: they hold detections and misses in one.
+
+    A surface learns only of single bounces that may have caused something, of those that send to cells, too.
+    """
     ti.loop_config(serialize=True)
     for _ in range(1):
         for s in range(known.surface.shape[0]):
