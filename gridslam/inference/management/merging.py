@@ -3,7 +3,8 @@ that finds duplicates."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def known_apart(bank: SurfaceBank, exchanges: Sequence[Exchange]) -> NDArray[np.
 
 
 def merge(
-    bank: SurfaceBank, belief: Belief, apart: NDArray[np.bool_] | None = None
+    bank: SurfaceBank, belief: Belief, apart: Callable[[], NDArray[np.bool_]] | None = None
 ) -> tuple[SurfaceBank, Belief]:
     """Merge duplicates into the older surface by the joint belief that both are one line.
 
@@ -82,24 +83,18 @@ def merge(
 
     Parameters
     ----------
-    apart : (S, S) bool, optional
-        Pairs that are known to be two: `known_apart`.
+    apart : callable, optional
+        Gives the pairs that are known to be two, (S, S) bool, as `known_apart`. It is asked where lines agree
+        alone, as at most steps none do.
     """
-    runtime.start()
-    from gridslam.kernels.management.merging import find_duplicates
-
     if belief.layout.surfaces != len(bank):
         raise ValueError("belief and bank don't hold the same surfaces")
-    two = np.zeros((len(bank), len(bank)), bool) if apart is None else apart
-    for _ in range(len(bank) + 1):
-        found, tie = np.empty(2, np.int32), np.empty((2, 5))
-        find_duplicates(
-            belief.mean, belief.covariance, belief.layout.head, bank.foot, bank.owner, two.view(np.uint8),
-            found, tie,
-        )  # fmt: skip
-        older, younger = found.tolist()
-        if older < 0:
-            break
+    two = np.zeros((len(bank), len(bank)), bool)
+    older, younger, tie = _alike(bank, belief, two)
+    if older >= 0 and apart is not None:
+        two = apart()
+        older, younger, tie = _alike(bank, belief, two)
+    while older >= 0:
         jacobian = np.zeros((2, len(belief.mean)))
         line = belief.layout.line
         jacobian[:, line(older)], jacobian[:, line(younger)] = tie[:, :2], tie[:, 2:4]
@@ -110,7 +105,22 @@ def merge(
         two = two.copy()
         two[older], two[:, older] = either, either
         two = np.ascontiguousarray(two[rest][:, rest])
+        older, younger, tie = _alike(bank, belief, two)
     return bank, belief
+
+
+def _alike(bank: SurfaceBank, belief: Belief, two: NDArray[np.bool_]) -> tuple[int, int, Array]:
+    """Two surfaces whose lines agree and that may be one, and their tie (2, 5); -1 if there are none."""
+    runtime.start()
+    from gridslam.kernels.management.merging import find_duplicates
+
+    found, tie = np.empty(2, np.int32), np.empty((2, 5))
+    find_duplicates(
+        belief.mean, belief.covariance, belief.layout.head, bank.foot, bank.owner, two.view(np.uint8),
+        found, tie,
+    )  # fmt: skip
+    older, younger = found.tolist()
+    return older, younger, tie
 
 
 def are_one(older: Array, younger: Array, covariance: Array, foot: float) -> bool:
@@ -172,7 +182,8 @@ def merge_and_prune(
     exchanges : sequence of Exchange
         Of the step's anchors, if surfaces that they show to be two aren't to be merged.
     """
-    bank, belief = merge(state.surfaces, state.belief, known_apart(state.surfaces, exchanges))
+    apart = partial(known_apart, state.surfaces, exchanges)
+    bank, belief = merge(state.surfaces, state.belief, apart)
     if model.max_bounces > 1:
         bank, belief = drop_ghosts(bank, belief, model.anchor_positions[: model.senders], by_ratio)
     before = bank
