@@ -300,15 +300,3 @@ def test_a_richer_set_has_until_the_end_to_earn_what_its_features_cost(monkeypat
     assert given_up(-0.9 * HOPELESS / 5, 0.0, 5 * HOPELESS, 0.0, monkeypatch) is None
     assert given_up(-1.1 * HOPELESS / 5, 0.0, 5 * HOPELESS, 0.0, monkeypatch) == 4
     assert given_up(-1.1 * HOPELESS / 5, 0.0, 0.0, HOPELESS, monkeypatch) is None, "what it saves counts"
-
-
-@pytest.mark.parametrize("crowded", [True, False])
-@pytest.mark.parametrize("placed", [True, False])
-def test_in_a_crowd_that_sees_its_line_of_sight_no_other_kind_is_tried(monkeypatch, crowded, placed):
-    state, model = state_after([], [], 0)
-    lesson = lesson_of(state, model)
-    plain = lesson.judge(lesson.before, state.segment)
-    found = plain._replace(joint=replace(plain.joint, extent=float(crowded)), placed=placed)
-    monkeypatch.setattr(Lesson, "judge", lambda self, belief, segment, other=None: found)
-    sets = lesson.rivals(state.segment, state.joint, PRICES)
-    assert len(sets) == (1 if crowded and placed else len(PRICES))

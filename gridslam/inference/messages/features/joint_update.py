@@ -38,8 +38,8 @@ SIGHTED = 0.9
 """Probability from which on a line of sight counts as heard, and a faint feature as there."""
 ROUNDS, SETTLED_M = 8, 1e-4
 """Gauss-Newton steps at most, and how little the agent moves (m) where they end."""
-CROWD_ROUNDS, FIRST_CROWD_ROUNDS, FIRST_STEPS = 3, 5, 10
-"""The same in a crowd, where they don't come to rest: after three they go to and fro by a centimetre; and at
+CROWD_ROUNDS, FIRST_STEPS = 3, 10
+"""The same in a crowd, where they don't come to rest: after three they go to and fro by a centimetre. But for
 the filter's first steps, when the agent may be anywhere about its start."""
 TURNS_RAD = 1.0
 """Deviation of a direction per metre of a feature's extent: an array of few antennas tells scatterers at one
@@ -107,7 +107,8 @@ def update(
         at[:MOVING] = start
     shift = np.zeros(first)
     existence, powers = belief.existence.copy(), list[Array]()
-    for round_ in range(_rounds(belief, step)):
+    crowded = belief.extent > 0 and step >= FIRST_STEPS
+    for round_ in range(CROWD_ROUNDS if crowded else ROUNDS):
         place = _place(at, belief, anchors, heading_rad, model)
         score, curvature, value = np.zeros(first), np.zeros((first, first)), 0.0
         for n, one in enumerate(anchors):
@@ -141,13 +142,6 @@ def update(
         found, surprise = _follow_powers(found, one.index, known.of(slice(0, len(power))), power, step)
         evidence += surprise
     return _sighted(found, belief, audible), evidence
-
-
-def _rounds(belief: JointBelief, step: int) -> int:
-    """Gauss-Newton steps at most."""
-    if not belief.extent > 0:
-        return ROUNDS
-    return FIRST_CROWD_ROUNDS if step < FIRST_STEPS else CROWD_ROUNDS
 
 
 def _sighted(found: JointBelief, before: JointBelief, audible: NDArray[np.bool_]) -> JointBelief:

@@ -38,7 +38,7 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
     prices = usual_prices(state.before, model)
     lesson = Lesson.of(state, segment, JUDGED, front, model)
     best, price = None, prices[0]
-    for rival, kind in zip(lesson.rivals(segment, state.joint, prices), prices, strict=False):
+    for rival, kind in zip(lesson.rivals(segment, state.joint, prices), prices, strict=True):
         # in doubt, images are the rule
         if best is None or rival.beats(best, CLEAR):
             best, price = rival, kind

@@ -32,6 +32,8 @@ CLEAR = 10.0
 SEEN = 200.0
 """Nats that it is worth in a new crowd that a set sees a line of sight where it should be: scores of sets
 along ways that differ by decimetres scatter by as much."""
+SHIFTED = 300.0
+"""Nats by which a crowd that is shifted as a whole has to be better, unless it sees a line of sight then."""
 HOPELESS = 60.0
 """Nats by which one has to be behind another at some step for the rest of the segment not to matter."""
 ROUNDS, LATER_ROUNDS = 3, 1
@@ -81,11 +83,6 @@ class Rival(NamedTuple):
     def adrift(self) -> bool:
         """Whether nothing says where all of a crowd is, so that its score may be so high by chance."""
         return self.joint.extent > 0 and not self.placed and not self.known
-
-    @property
-    def settled_crowd(self) -> bool:
-        """Whether it is a crowd, whose features are quite of no kind, and sees its line of sight."""
-        return self.joint.extent > 0 and self.placed
 
     def beats(self, other: Rival, by: float = 0.0) -> bool:
         """Whether this set is better by so many nats."""
@@ -154,8 +151,6 @@ class Lesson:
     ) -> list[Rival]:  # fmt: skip
         """What is proposed along the way of the agent in a segment, one set for each row of prices.
 
-        Where the first is a settled crowd, it is the only one: other kinds would tell no more.
-
         Parameters
         ----------
         after : JointBelief
@@ -169,8 +164,6 @@ class Lesson:
         looks = surveys(self.before, after, part, self.judged, self.front, self.model, self.tables)
         found: list[Rival] = []
         for price in prices:
-            if found and found[0].settled_crowd:
-                break
             wider = with_proposals(self.before, part, looks, price, self.first, self.identity, self.model)
             rival = self.judge(wider, segment, found[0] if found else other)
             doubtful = self.sights(rival.joint)
@@ -241,7 +234,8 @@ class Lesson:
             along = replace(ways[0], agent=found.track + np.append(shift, np.zeros(2)))
             (rival,) = self.rivals(along, found.joint, price[None])
             rival = self.climb(rival, along, price)
-            if not rival.beats(found):
+            by_sight = rival.placed and not found.placed
+            if not rival.beats(found, SHIFTED if rival.joint.extent > 0 and not by_sight else 0.0):
                 return found
             found = rival
         return found
