@@ -7,7 +7,7 @@ import pytest
 from filter_states import Plot
 
 import gridslam as gs
-from gridslam.inference.workspace.cell_buffers import CLEAR_ANCHOR_M
+from gridslam.inference.workspace.cell_buffers import CLEAR_ANCHOR_CELLS
 from gridslam.world import grid_memory
 
 SHAPE, SIDE = (500, 400), 0.1
@@ -38,7 +38,7 @@ def test_cells_next_to_an_anchor_are_those_within_reach_of_the_nearest(crowd):
     y, x = np.indices((60, 70))
     centre = np.array([-0.3, 0.2]) + SIDE * (np.stack([x, y], -1) + 0.5)
     gap = np.linalg.norm(centre[:, :, None] - crowd / 6, axis=-1).min(-1)
-    np.testing.assert_array_equal(plot.cells.clear.reshape(60, 70), gap < CLEAR_ANCHOR_M)
+    np.testing.assert_array_equal(plot.cells.clear.reshape(60, 70), gap < CLEAR_ANCHOR_CELLS * SIDE)
 
 
 def test_slabs_are_fewer_where_each_is_large():

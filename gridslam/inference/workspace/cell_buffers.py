@@ -18,7 +18,9 @@ from gridslam.world.grid_memory import check_room, slabs_for
 MOSTLY_POSSIBLE = 0.8
 """Share of a path's samples that must be possible before it sends messages to cells."""
 EVIDENCE_CLIP = 12.0
-CLEAR_ANCHOR_M = 0.35
+CLEAR_ANCHOR_CELLS = 1.0
+"""So near to an anchor, in cells, the centres of cells are surely free: what it stands in. Anything wider is
+a hole in the wall that an anchor hangs on."""
 OCCUPANCY_BYTES = 64_000_000
 """What occupancies of several hypotheses' grids may take; that of one is kept anyway."""
 OUTSIDE = 0.1
@@ -140,7 +142,8 @@ def _clear(origin: Array, cell: float, shape: tuple[int, int], anchors: Array) -
         x, y = (
             (origin[axis] + cell * (np.arange(shape[1 - axis]) + 0.5) - place[axis]) ** 2 for axis in (0, 1)
         )
-        near_x, near_y = np.flatnonzero(x < CLEAR_ANCHOR_M**2), np.flatnonzero(y < CLEAR_ANCHOR_M**2)
-        near = np.sqrt(x[near_x] + y[near_y, None]) < CLEAR_ANCHOR_M
+        reach = CLEAR_ANCHOR_CELLS * cell
+        near_x, near_y = np.flatnonzero(x < reach**2), np.flatnonzero(y < reach**2)
+        near = np.sqrt(x[near_x] + y[near_y, None]) < reach
         clear[np.ix_(near_y, near_x)] |= near
     return clear
