@@ -17,6 +17,9 @@ stands among them: doubt about where a wall is leaves bands and specks behind it
 PAST_ENDS_M = 0.3
 """Walls part free cells a bit beyond their ends, too: the corner of a room is seldom hit."""
 SURELY_CROSSED_NAT = -3.0
+CROSSED_NAT = -0.7
+"""Evidence of cells that a planner may take for free: their odds were halved. Far more were touched by the
+outermost rays of vague paths, also behind walls that were never heard, and learned next to nothing of."""
 
 
 def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:
@@ -26,15 +29,16 @@ def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:
     ----------
     grid : MapCells
     walls : WallSegments or None
-        Occupied, too, whatever the cells say; free cells that no path reached but through a wall are unknown
-        then, and so are those between two stretches of one surface unless rays surely crossed them. None: the
-        cells alone.
+        Occupied, too, whatever the cells say; unknown are then free cells that paths hardly told anything of,
+        those that no path reached but through a wall, and those between two stretches of one surface unless
+        rays surely crossed them. None: the cells alone.
     """
     occupied, free = grid.occupied.copy(), grid.free
     if walls is not None:
         occupied |= burnt(grid, walls.ends_m)
         unproven = burnt(grid, _gaps(walls)) & (grid.evidence > SURELY_CROSSED_NAT)
-        free = _seen(grid, free & ~occupied & ~unproven, occupied, walls.ends_m)
+        told = free & (grid.evidence < CROSSED_NAT)
+        free = _seen(grid, told & ~occupied & ~unproven, occupied, walls.ends_m)
     return np.where(occupied, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.uint8)
 
 

@@ -188,6 +188,16 @@ def test_planner_is_told_where_a_wall_is_not_proven(tmp_path):
     assert (values[30, 32:58] == OCCUPIED).all()
 
 
+def test_cells_that_paths_told_next_to_nothing_of_are_unknown_to_planners(tmp_path):
+    """Outermost rays of vague paths, behind a wall that was never heard there."""
+    grid = changed(street(y=3.05, extent=(0.0, 8.0)), (8, 12), (3.0, 3.4), -0.1, 0.0, True)
+    assert grid.free[31:34, 80:].all()
+    grid.to_nav2(tmp_path)
+    _, values = nav2_load(tmp_path, "map")
+    assert (values[31:34, 80:] == UNKNOWN).all()
+    assert (values[:29] == FREE).all()
+
+
 def test_room_on_the_other_side_of_a_wall_stays_free(tmp_path):
     """Two agents, two rooms, no door: either side has been seen."""
     grid = changed(street(y=3.05), (0, 12), (3.1, 5), CLEAR, None, True)
