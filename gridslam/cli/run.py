@@ -105,7 +105,7 @@ def _run_in_turn(asked: Asked) -> None:
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
             progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
-            notes = _height_notes(runs) + _twice_notes(runs)
+            notes = _height_notes(runs)
             if file is not None:
                 notes += _range_notes(world, runs, observations) or _unwell_notes(runs, file, asked.scene)
             given_files = source([by_name[one.agent] for one in runs if by_name])
@@ -148,7 +148,13 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     """Run the agents one after the other; Ctrl-C ends the list early.
 
     It raises only if that is empty and nothing is there to go on from.
+
+    Raises
+    ------
+    InputError
+        The map that they begin with was made of what one of them heard.
     """
+    from gridslam.maps.run_identity import begun, refuse_heard
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
     from gridslam.simulation.simulate import observations_of
@@ -158,12 +164,20 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     takes = taken_by(method_class(method))
     runs: list[Run] = []
     observations: list[Observations] = []
+
+    def heard(number: int) -> Observations:
+        with busy(f"simulating {names[number]}"):
+            observed = earlier.measurements(number) if earlier else None
+            observed = turns.recorded.get(names[number]) if observed is None else observed
+            return observations_of(world, names[number], seed, takes) if observed is None else observed
+
     try:
+        if turns.given is not None:  # before the first of them has taken its time
+            for number in range(len(names)):
+                own_run = begun(world.anchor_positions, heard(number))
+                refuse_heard(turns.given.provenance, own_run, f"--map for {names[number]}")
         for number, name in enumerate(names):
-            with busy(f"simulating {name}"):
-                observed = earlier.measurements(number) if earlier else None
-                observed = turns.recorded.get(name) if observed is None else observed
-                observed = observations_of(world, name, seed, takes) if observed is None else observed
+            observed = heard(number)
             own = earlier.agent(number, name, observed) if earlier else None
             watch = view.follow(name, observed.truth) if view else None
             with progress_bar(name, observed.truth, err) as tell:
@@ -208,19 +222,6 @@ def _range_notes(world: Scene, runs: list[Run], observations: list[Observations]
             (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
         ]
     return [f"note: {agent}: {note}" for agent, note in notes if note]
-
-
-def _twice_notes(runs: list[Run]) -> list[str]:
-    """Where the map that a run began with holds the very measurements that it heard."""
-    twice = []
-    for done in runs:
-        known = done.map.provenance.get("runs")
-        if isinstance(known, list) and known and known[-1] and known[-1] in known[:-1]:
-            twice.append(done.agent)
-    return [
-        f"note: {agent}: the map it began with holds these very measurements: they count twice"
-        for agent in twice
-    ]
 
 
 def _unwell_notes(runs: list[Run], file: Path, scene: str) -> list[str]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.maps.map_cells import ANCHOR_KEYS, anchors_of
+from gridslam.maps.run_identity import refuse_repeated_runs
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
@@ -74,8 +75,9 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     ------
     InputError
         The map is of another frame or of one that can't be told, of cells whose size or lattice doesn't fit,
-        or of another place.
+        or of another place; or it holds the evidence of a run twice.
     """
+    refuse_repeated_runs(grid, where)
     places = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
     found = dict(anchors_of(grid.provenance))
     _require_same(found.items(), places, where)

@@ -11,6 +11,7 @@ from typing import Self
 from gridslam.errors import InputError
 from gridslam.maps import map_files
 from gridslam.maps.map_cells import MapCells
+from gridslam.maps.run_identity import repeated_run
 from gridslam.maps.walls import WallSegments, wall_segments
 from gridslam.wording import counted
 from gridslam.world.scene import Scene
@@ -74,6 +75,8 @@ class Map(MapCells):
         learned = "" if self.features is None else f", {counted(len(self.features), 'feature')}"
         learned += f"; told the {self.truth_given}" if self.truth_given else ""
         learned += f"; {self.lost} was lost" if self.lost else ""
+        twice = repeated_run(self)
+        learned += f"; holds {twice} twice: nobody goes on from it" if twice else ""
         return (
             f"by {names}: {width} x {height} cells of {self.cell_m:g} m, {self.observed.mean():.0%} "
             f"observed, {self.occupied.sum()} occupied, {counted(surfaces, 'surface')}{learned}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ import numpy as np
 from gridslam.errors import InputError
 
 if TYPE_CHECKING:
-    from gridslam.maps.map import Map
+    from gridslam.maps.map_cells import MapCells
     from gridslam.world.observation import Observation
 
 DIGITS = 8
@@ -78,7 +78,59 @@ def same_run(one: str, other: str) -> bool:
     return bool(one and other) and one[:DIGITS] == other[:DIGITS]
 
 
-def refuse_shared_runs(maps: Sequence[Map], names: Sequence[str]) -> None:
+def refuse_heard(provenance: Mapping[str, object], heard: Identity, where: str = "map") -> None:
+    """Refuse measurements that a map was made of: with it, their evidence would count twice.
+
+    Parameters
+    ----------
+    provenance : mapping
+        Of the map that a run begins with.
+    heard : Identity
+        Of the run, once anything was heard.
+    where : str
+        Names the map in the error.
+
+    Raises
+    ------
+    InputError
+        Another run of the map is made of the same measurements.
+    """
+    for run, *whose in _records(provenance):
+        if same_run(run, heard.text):
+            found = f"{_in_words(run, *whose)} in it, made of these very measurements: they would count twice"
+            allowed = "a map made without them, or what another agent heard (simulated: another seed)"
+            raise InputError(where, found, allowed)
+
+
+def begun(places: np.ndarray, heard: Iterable[Observation]) -> Identity:
+    """Identity of a run after the first step at which anything was heard of anchors at `places` (J, 2)."""
+    start = Identity.of(places)
+    return next((start.after(scan) for scan in heard if len(scan)), start)
+
+
+def refuse_repeated_runs(grid: MapCells, where: str) -> None:
+    """Refuse a map that holds the evidence of a run twice, as earlier versions made them.
+
+    Raises
+    ------
+    InputError
+        Two of its runs are of the same measurements.
+    """
+    repeated = repeated_run(grid)
+    if repeated:
+        raise InputError(where, f"the evidence of {repeated} twice", "a map that holds each run once")
+
+
+def repeated_run(grid: MapCells) -> str | None:
+    """Which run a map holds twice, in words; mostly none."""
+    rows = _records(grid.provenance)
+    for number, (run, *whose) in enumerate(rows):
+        if any(same_run(run, earlier[0]) for earlier in rows[:number]):
+            return _in_words(run, *whose)
+    return None
+
+
+def refuse_shared_runs(maps: Sequence[MapCells], names: Sequence[str]) -> None:
     """Refuse maps that hold the evidence of the same run, which would count twice.
 
     Maps of earlier versions don't say which runs they are made of: of those, equal ones are refused, and one
@@ -93,8 +145,10 @@ def refuse_shared_runs(maps: Sequence[Map], names: Sequence[str]) -> None:
     Raises
     ------
     InputError
-        Two maps share a run.
+        Two maps share a run, or one holds a run twice.
     """
+    for grid, name in zip(maps, names, strict=True):
+        refuse_repeated_runs(grid, name)
     for second in range(len(maps)):
         for first in range(second):
             shared = _shared(maps[first], maps[second])
@@ -103,12 +157,12 @@ def refuse_shared_runs(maps: Sequence[Map], names: Sequence[str]) -> None:
                 raise InputError("fuse", found, "independent maps, none made of a run that another holds")
 
 
-def _shared(one: Map, other: Map) -> str | None:
+def _shared(one: MapCells, other: MapCells) -> str | None:
     """What two maps share, in words."""
-    records = [_record(grid) for grid in (one, other)]
-    for run, agent, seed, steps in records[0]:
+    records = [_records(grid.provenance) for grid in (one, other)]
+    for run, *whose in records[0]:
         if any(same_run(run, there[0]) for there in records[1]):
-            return f"{agent}'s run {run[:DIGITS]} (seed {seed}, {steps} steps)"
+            return _in_words(run, *whose)
     if all(run for record in records for run, *_ in record) and all(records):
         return None
     short, whole = sorted(([row[1:] for row in record] for record in records), key=len)
@@ -119,14 +173,18 @@ def _shared(one: Map, other: Map) -> str | None:
     return "the same measurements" if same else None
 
 
-def _record(grid: Map) -> list[tuple[str, object, object, object]]:
+def _in_words(run: str, agent: object, seed: object, steps: object) -> str:
+    return f"{agent}'s run {run[:DIGITS]} (seed {seed}, {steps} steps)"
+
+
+def _records(provenance: Mapping[str, object]) -> list[tuple[str, object, object, object]]:
     """Identity, agent, seed and steps of the runs that a map is made of."""
-    agents, seeds, steps, runs = (_items(grid, key) for key in ("agents", "seeds", "steps", "runs"))
+    agents, seeds, steps, runs = (_items(provenance, key) for key in ("agents", "seeds", "steps", "runs"))
     count = max(min(len(agents), len(seeds), len(steps)), len(runs))
     agents, seeds, steps, runs = ((column + [""] * count)[:count] for column in (agents, seeds, steps, runs))
     return [(str(run), *rest) for run, *rest in zip(runs, agents, seeds, steps, strict=True)]
 
 
-def _items(grid: Map, key: str) -> list:
-    value = grid.provenance.get(key, [])
+def _items(provenance: Mapping[str, object], key: str) -> list:
+    value = provenance.get(key, [])
     return value if isinstance(value, list) else [value]

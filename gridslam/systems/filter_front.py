@@ -18,7 +18,7 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.maps.frames import fitted
 from gridslam.maps.map import Map
-from gridslam.maps.run_identity import Identity
+from gridslam.maps.run_identity import Identity, refuse_heard
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.observation import Kind, Observation
 from gridslam.world.scene import Scene
@@ -182,14 +182,18 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         Raises
         ------
         InputError
-            It makes no sense, see `Scan.checked` and `SignalScan.checked`; the filter stays as it was.
+            It makes no sense, see `Scan.checked` and `SignalScan.checked`, or the map that the filter began
+            with was made of it; the filter stays as it was.
         """
         began = time.perf_counter()
         scan = self._checked(scan, self.state.time_s)
+        identity = self.now.identity.after(scan)
+        if identity.scans == 1:
+            refuse_heard(self.provenance, identity)
         believed, info = self._advanced(scan)
         estimate = self.estimate(believed, scan, info, began)
         # last and at once: whatever interrupts a step leaves the moment before
-        self.now = Moment(believed, self.now.identity.after(scan), info)
+        self.now = Moment(believed, identity, info)
         return estimate
 
     def _checked(self, scan: Observed, after: float | None) -> Observed:

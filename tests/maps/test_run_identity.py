@@ -76,6 +76,28 @@ def test_evidence_never_counts_twice(scene, measurements, maps):
             gs.fuse(pair)
 
 
+def test_what_a_map_was_made_of_is_not_heard_again(scene, measurements, maps):
+    with pytest.raises(gs.InputError, match=r"map: found agent1's run .* they would count twice"):
+        mapped(scene, measurements[1], seed=3, prior_map=maps[0])
+    slam = gs.GridSlam(scene.with_filter(particles=300), prior_map=maps[0])
+    with pytest.raises(gs.InputError, match="count twice"):
+        slam.step(next(iter(measurements[1])))
+    assert slam.state.step == 0
+    slam.step(next(iter(measurements[2])))
+
+
+def test_map_that_holds_a_run_twice_is_refused_and_says_so(say, scene, measurements, maps, tmp_path):
+    """Earlier versions made such maps."""
+    lists = {key: maps[0].provenance[key] * 2 for key in ("agents", "seeds", "steps", "runs")}
+    twice = replace(maps[0], provenance={**maps[0].provenance, **lists})
+    with pytest.raises(gs.InputError, match=r"map 1: found the evidence of agent1's run .* twice"):
+        gs.fuse([twice, maps[1]])
+    with pytest.raises(gs.InputError, match=r"the evidence of agent1's run .* twice"):
+        mapped(scene, measurements[2], prior_map=twice)
+    twice.save(tmp_path / "twice.h5")
+    assert "twice: nobody goes on from it" in say("check", "twice.h5").out
+
+
 def test_map_of_an_earlier_version_can_be_handed_over(scene, measurements, maps):
     kept = {key: value for key, value in maps[0].provenance.items() if key != "runs"}
     old = replace(maps[0], provenance=kept)
