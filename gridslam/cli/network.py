@@ -179,7 +179,11 @@ def recorded_network(world: Scene, file: Path, agents: list[str] | None) -> Netw
     from gridslam.runs.network_run import check_network
 
     known = [agent.name for agent in world.agents]
-    measurements = NetworkMeasurements.load(file, world.anchor_names, known, world.clocks is not None)
+    alone = agents[0] if agents and len(agents) == 1 else None
+    if alone is not None:
+        world.agent(alone)
+    pseudo = world.clocks is not None
+    measurements = NetworkMeasurements.load(file, world.anchor_names, known, pseudo, alone)
     with located(file):
         check_network(world, measurements)
     times = np.array([measurements.table.scan(step).time_s for step in range(len(measurements))])

@@ -58,6 +58,7 @@ def read_csv(
     pseudo: bool = False,
     agents: Sequence[str] | None = None,
     several: bool = False,
+    alone: str | None = None,
 ) -> tuple[Columns, tuple[str, ...], tuple[str, ...]]:
     """Read and check a CSV table.
 
@@ -81,6 +82,8 @@ def read_csv(
     several : bool
         Whether it is a table of several agents, whose rows may leave open whose they are. A table of one
         agent may have that column, too, if it names one agent.
+    alone : str, optional
+        The one of several `agents` whose rows all are where no column says so.
 
     Returns
     -------
@@ -100,7 +103,8 @@ def read_csv(
         written = [name.strip() for name in next((row for row in reader if row), [])]
         comma = reader.dialect.delimiter == ";"
         header = [IN_DEGREES.get(name, name) for name in written]
-        extra = _check_header(header, str(path), reader.line_num, several)
+        begins = reader.line_num
+        extra = _check_header(header, written, f"{path}: line {begins}", several)
         if extra:
             columns_are = f"column{'s' if len(extra) > 1 else ''} {', '.join(extra)}"
             warnings.warn(Note(f"{path}: {columns_are} not used"), stacklevel=2)
@@ -123,11 +127,11 @@ def read_csv(
     if several:
         columns.setdefault("anchor", np.full(len(lines), -1.0))
         if "agent" not in columns:  # it may be left out where there is one
-            if len(names["agent"].place) != 1:
-                raise InputError(
-                    f"{path}: line 1", "no column 'agent'", "one, where there are several agents"
-                )
-            columns["agent"] = np.zeros(len(lines))
+            head, choice = f"{path}: line {begins}", tuple(names["agent"].place)
+            own = choice[0] if len(choice) == 1 else alone
+            if own is None:
+                raise InputError(head, "no column 'agent'", "one, where there are several agents")
+            columns["agent"] = np.full(len(lines), names["agent"].number(own, head, "agent"))
     if timed:
         times, columns["step"] = np.unique(columns["time_s"], return_inverse=True)
         note = f"{path}: no column step: {len(times)} steps, one for each time; a silent one isn't there"
@@ -200,12 +204,13 @@ def _point(cell: str, name: str) -> str:
     return cell.strip() if name in ("anchor", "agent") else cell.strip().replace(",", ".")
 
 
-def _check_header(header: list[str], path: str, line: int, several: bool) -> list[str]:
-    """Columns that aren't known, and don't look like one that is, misspelt."""
+def _check_header(header: list[str], written: list[str], where: str, several: bool) -> list[str]:
+    """Columns that aren't known, nor look like one that is, misspelt; `written`: as the file has them."""
     known = (*KEYS, "agent", *VALUES, *OPTIONAL)
     if not header:
-        raise InputError(path, "an empty file", f"a header line {','.join((*KEYS, *VALUES))}")
-    where = f"{path}: line {line}"
+        raise InputError(
+            where.rpartition(": ")[0], "an empty file", f"a header line {','.join((*KEYS, *VALUES))}"
+        )
     for name in header:
         meant = LENGTHS.get(name.lower().split("_")[0])
         if meant and "distance_m" not in header:
@@ -213,7 +218,9 @@ def _check_header(header: list[str], path: str, line: int, several: bool) -> lis
         if not name or (name not in known and difflib.get_close_matches(name.lower(), known)):
             raise InputError(where, f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
-            raise InputError(where, f"column {name!r} twice", "each column once")
+            both = [repr(own) for own, column in zip(written, header, strict=True) if column == name]
+            found = f"columns {' and '.join(both)}" if len(set(both)) > 1 else f"column {name!r} twice"
+            raise InputError(where, found, "each column once" if len(set(both)) == 1 else "one of them")
     # steps follow from times
     needed = [name for name in (KEYS[:2] if several else KEYS) if name != "step"]
     for name in needed:

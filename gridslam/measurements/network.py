@@ -222,7 +222,7 @@ class NetworkMeasurements:
     @classmethod
     def load(
         cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
-        pseudo: bool = False,
+        pseudo: bool = False, alone: str | None = None,
     ) -> NetworkMeasurements:  # fmt: skip
         """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
 
@@ -237,6 +237,8 @@ class NetworkMeasurements:
             this order.
         pseudo : bool
             Whether distances hold offsets of clocks, and may be negative.
+        alone : str, optional
+            The agent whose rows all are where a CSV file has no column ``agent``; needless for one agent.
 
         Raises
         ------
@@ -245,16 +247,16 @@ class NetworkMeasurements:
         """
         kind = os.path.splitext(os.fspath(path))[1].lower()
         if kind == ".csv":
-            return cls.from_csv(path, anchors, agents, pseudo)
+            return cls.from_csv(path, anchors, agents, pseudo, alone)
         return cls.from_mat(path, anchors, agents, pseudo) if kind == ".mat" else cls.from_h5(path)
 
     @classmethod
     def from_csv(
         cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
-        pseudo: bool = False,
+        pseudo: bool = False, alone: str | None = None,
     ) -> NetworkMeasurements:  # fmt: skip
         """Read a CSV file, whose ``anchor`` may be empty or left out; see `load`."""
-        return cls(**network_files.read_csv(path, anchors, agents, pseudo))
+        return cls(**network_files.read_csv(path, anchors, agents, pseudo, alone))
 
     @classmethod
     def from_mat(

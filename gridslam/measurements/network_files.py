@@ -27,11 +27,12 @@ CLOCKS = "clocks"
 
 
 def read_csv(
-    path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None, pseudo: bool
-) -> dict[str, Any]:
+    path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None, pseudo: bool,
+    alone: str | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Read a CSV file; see `NetworkMeasurements.load`."""
     with located(path):
-        columns, names, whose = csv_table.read_csv(path, anchors, True, pseudo, agents, True)
+        columns, names, whose = csv_table.read_csv(path, anchors, True, pseudo, agents, True, alone)
         return _collected(columns, {"anchors": names, "unlabelled": True, "pseudo": pseudo}, whose)
 
 

@@ -244,3 +244,14 @@ def test_what_does_not_belong_together_is_one_line_of_run_and_check(
         assert not result.out.strip()
     assert not (tmp_path / "out").exists()
     assert path.exists()
+
+
+def test_file_without_a_column_agent_is_that_of_the_one_agent_that_was_asked_for(tmp_path):
+    from gridslam.cli.network import recorded_network
+
+    world, path = gs.Scene.load("exchange"), tmp_path / "heard.csv"
+    path.write_text("# toolkit 4.1\nstep,time_s,distance_m\n0,0,1.5\n1,0.1,2.5\n")
+    chosen = world.agents[1].name
+    assert recorded_network(world, path, [chosen]).agents == (chosen,)
+    with pytest.raises(gs.InputError, match=r"heard.csv: line 2: found no column 'agent'"):
+        recorded_network(world, path, None)

@@ -78,6 +78,15 @@ def test_anchor_may_be_left_out_and_agent_where_there_is_one(tmp_path):
         NetworkMeasurements.from_csv(path, ANCHORS, ["me", "you"])
 
 
+def test_without_a_column_agent_all_rows_are_those_of_the_one_that_was_asked_for(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("# toolkit 4.1\n# site: flat\nstep,time_s,distance_m\n0,0,1.5\n1,1,2.5\n")
+    measurements = NetworkMeasurements.load(path, ANCHORS, ["me", "you"], alone="you")
+    assert measurements.agents == ("you",)
+    with pytest.raises(InputError, match=r"a.csv: line 3: found no column 'agent'; allowed: one, where"):
+        NetworkMeasurements.load(path, ANCHORS, ["me", "you"])
+
+
 def test_a_table_of_one_agent_reads_as_a_network_and_back(tmp_path):
     Measurements(**table()).to_h5(tmp_path / "one.h5")
     measurements = NetworkMeasurements.from_h5(tmp_path / "one.h5")
