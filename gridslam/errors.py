@@ -29,22 +29,26 @@ class InputError(ValueError):
         return type(self), (self.where, self.found, self.allowed)
 
 
-class Unwritten(InputError):
-    """Some files of a run couldn't be written; the others were.
+class Faults(InputError):
+    """Several faults at once; as one error it is the first of them.
 
     Parameters
     ----------
     faults : sequence of InputError
-        One per file.
+        At least one.
     """
 
     def __init__(self, faults: Sequence[InputError]) -> None:
         self.faults = tuple(faults)
         super().__init__(faults[0].where, faults[0].found, faults[0].allowed)
 
-    def __reduce__(self) -> tuple[type[Unwritten], tuple[tuple[InputError, ...]]]:  # type: ignore[override]
+    def __reduce__(self) -> tuple[type[Faults], tuple[tuple[InputError, ...]]]:  # type: ignore[override]
         """Travel whole from a worker process."""
         return type(self), (self.faults,)
+
+
+class Unwritten(Faults):
+    """Some files of a run couldn't be written; the others were. One fault per file."""
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from gridslam.cli.options import Commands, flag, unpacked
 from gridslam.cli.robustness import robustness
 from gridslam.cli.run import run
 from gridslam.cli.study import study
-from gridslam.errors import InputError, Note, Unwritten
+from gridslam.errors import Faults, InputError, Note
 from gridslam.wording import counted
 
 app = Commands(
@@ -103,7 +103,7 @@ def main() -> None:
                 show(message) if issubclass(kind, Note) else shown(message, kind, *rest)
             )
             code = app(standalone_mode=False)
-    except Unwritten as error:
+    except Faults as error:
         for fault in error.faults[:-1]:
             err.print(f"error: {fault}", highlight=False, markup=False, soft_wrap=True)
         _refuse(str(error.faults[-1]))

@@ -79,9 +79,9 @@ def _check_track(agent: Agent, room: Room, where: str) -> None:
         track = track_of(agent)
     except TightCorner as error:
         index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
-        found = f"room to turn with a radius of {error.radius:.2g} m"
+        found = f"room to turn with a radius of {error.radius:.3g} m"
         cure = "longer legs beside it, a blunter corner, or a shorter step_m"
-        allowed = f"{error.smallest:.2g} m or more: {cure}"
+        allowed = f"{error.smallest:.3g} m or more: {cure}"
         raise fault(f"{where}.waypoints_m[{index}]", found, allowed) from None
     if agent.steps is not None and agent.steps > len(track):
         raise fault(f"{where}.steps", str(agent.steps), f"at most {len(track)}, where the waypoints end")

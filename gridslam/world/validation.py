@@ -9,7 +9,10 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from gridslam.errors import InputError
+from gridslam.errors import Faults, InputError
+
+MOST_FAULTS = 10
+"""Lines about one scene at most."""
 
 
 def fault(field: str, found: str, allowed: str) -> PydanticCustomError:
@@ -50,12 +53,31 @@ class Strict(BaseModel):
         Raises
         ------
         InputError
-            The first fault, with `where` and the path to the field.
+            The fault, with `where` and the path to the field; of several, `Faults`.
         """
         try:
             return cls.model_validate({key: _tuples(value) for key, value in data.items()})
         except ValidationError as error:
-            raise _input_error(error.errors()[0], where) from None
+            faults = [_input_error(one, where) for one in _apart(error.errors())]
+            if len(faults) == 1:
+                raise faults[0] from None
+            if len(faults) > MOST_FAULTS:
+                rest = f"{len(faults) - MOST_FAULTS + 1} more faults"
+                faults = [*faults[: MOST_FAULTS - 1], InputError(where, rest, "none")]
+            raise Faults(faults) from None
+
+
+def _apart(errors: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Faults without those that say again what is wrong: of another type, or of the list that holds it."""
+    kept: list[ErrorDetails] = []
+    for error in errors:
+        depth = len(error["loc"])
+        if any(len(one["loc"]) > depth and one["loc"][:depth] == error["loc"] for one in errors):
+            continue
+        same = (one for one in kept if one["loc"][:-1] == error["loc"][:-1])
+        if not any(one["input"] is error["input"] and one["type"] != "missing" for one in same):
+            kept.append(error)
+    return kept
 
 
 def _tuples(value: Any) -> Any:

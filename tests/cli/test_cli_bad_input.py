@@ -64,11 +64,47 @@ def test_faulty_scene(say, tmp_path, fault, command):
 
 @pytest.mark.parametrize(
     ("content", "word"),
-    [(b"", "grid"), (b"[grid]\nx_m=[0.0,1.0]\ny_m=[0.0,1.0]\n", "anchors"), (b"\xff\xfe", "UTF-8")],
+    [
+        (b"[[anchors]]\nname='A'\nposition_m=[1.0,1.0]\n", "grid"),
+        (b"[grid]\nx_m=[0.0,1.0]\ny_m=[0.0,1.0]\n", "anchors"),
+        (b"\xff\xfe", "UTF-8"),
+    ],
 )
 def test_empty_scene(say, tmp_path, content, word):
     (tmp_path / "bad.toml").write_bytes(content)
     refused(say("run", "bad.toml"), tmp_path, ["bad.toml"], word)
+
+
+def test_every_fault_of_a_scene_has_a_line_up_to_ten(say, tmp_path):
+    bad = """name = 3
+[radio]
+snr_at_1m_db = "loud"
+[grid]
+x_m = [-1.0, 10.0]
+y_m = [-1.0]
+cell_m = -0.1
+[[anchors]]
+name = "A"
+position_m = [0.3, "b"]
+[filter]
+particlse = 5
+"""
+    (tmp_path / "bad.toml").write_text(bad)
+    result = say("check", "bad.toml")
+    assert result.code == 2
+    fields = [line.split(": ")[2] for line in result.complaints]
+    assert fields == [
+        "name", "radio.snr_at_1m_db", "grid.y_m[1]", "grid.cell_m", "anchors[0].position_m[1]",
+        "filter.particlse",
+    ]  # fmt: skip
+    assert all(line.startswith("error: bad.toml: ") for line in result.complaints)
+    with pytest.raises(gs.InputError, match=r"bad.toml: name: found 3; allowed: a valid string$"):
+        gs.Scene.load("bad.toml")
+    anchor = '[[anchors]]\nname = 1\nposition_m = "here"\n'
+    (tmp_path / "worse.toml").write_text("[grid]\nx_m=[0.0,1.0]\ny_m=[0.0,1.0]\n" + 12 * anchor)
+    result = say("check", "worse.toml")
+    assert len(result.complaints) == 10
+    assert result.complaints[-1] == "error: worse.toml: found 15 more faults; allowed: none"
 
 
 CSV_FAULTS = {
