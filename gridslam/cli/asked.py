@@ -28,7 +28,10 @@ class RunOptions:
     """Options of `run`, as they were given or as a run had them that is gone on with."""
 
     scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)] = MAIN_SCENE
-    agent: Annotated[list[str] | None, typer.Option(help="agents, in order")] = None
+    agent: Annotated[
+        list[str] | None,
+        typer.Option(help="agents, in order; default: all, of measurements the scene's first"),
+    ] = None
     method: Annotated[str, typer.Option(help=method_help(), autocompletion=method_names)] = DEFAULT
     particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None
     seed: Annotated[int, typer.Option(min=0)] = 0

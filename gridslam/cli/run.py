@@ -87,7 +87,8 @@ def _run_in_turn(asked: Asked) -> None:
         )
         with view_of(asked, names) as view:
             runtime.start(asked.device, asked.threads)
-            for line in (*place.notes, note, *hints(world, method, every[names[0]])):
+            taken = _taken_note(asked, names, files)
+            for line in (*place.notes, taken, note, *hints(world, method, every[names[0]])):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
@@ -111,6 +112,16 @@ def _run_in_turn(asked: Asked) -> None:
             given_files = source([by_name[one.agent] for one in runs if by_name])
             done = Done(runs, observations, scores, given_files, progress, lines=notes)
             finish(folder, place, world, done, stopped, termination)
+
+
+def _taken_note(asked: Asked, names: list[str], files: Mapping[str | None, Path]) -> str | None:
+    """Whose a file is taken to be, where nobody said so and the scene has several agents."""
+    others = [agent.name for agent in asked.world.agents if agent.name not in names]
+    if asked.agent or None not in files or not others:
+        return None
+    return (
+        f"{files[None]}: taken for {names[0]}'s, the scene's first agent; else: --agent {' or '.join(others)}"
+    )
 
 
 @dataclass(frozen=True)
