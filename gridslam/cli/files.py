@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -86,7 +87,8 @@ def export(
 ) -> None:
     """Export a map for others: nav2 (yaml, pgm), pictures (png), tables (csv), walls, features (GeoJSON).
 
-    Of a run's folder its tracks, too, as tables (csv).
+    Of a run's folder its tracks, too, as tables (csv). What is called features in maps of methods that learn
+    none are paths that no surface explains, and files say so.
     """
     from gridslam.importers.geojson import write_features, write_surfaces
     from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
@@ -112,7 +114,9 @@ def export(
         if found.surfaces is not None:
             write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
         if found.features is not None:
-            write_features(part / "features.geojson", found.features)
+            points = "features" if _learns(map_file) else "unexplained"
+            (part / "features.csv").rename(part / f"{points}.csv")
+            write_features(part / f"{points}.geojson", found.features)
         for name, own in run.agents.items() if run is not None else ():
             columns = track_columns(own.estimates, own.trajectory, own.truth)
             write_track(part / f"{name}-track.csv", columns)
@@ -193,6 +197,19 @@ def scenes() -> None:
 
 def _say(text: str) -> None:
     out.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _learns(map_file: Path) -> bool:
+    """Whether features of this map are learned, as far as the run's folder that it lies in, or is, says."""
+    from gridslam.runs.run_files import read_summary
+    from gridslam.systems.registry import METHODS
+
+    for folder in (map_file, map_file.parent, map_file.parent.parent):
+        if (folder / "run.json").is_file():
+            with suppress(InputError):  # maps are exported, whatever lies beside them
+                method = str(read_summary(folder).get("method"))
+                return method not in METHODS or METHODS[method].learns
+    return True
 
 
 def _describe(file: Path) -> str:

@@ -165,6 +165,26 @@ def write_run(
         raise trouble
 
 
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Content of the ``run.json`` of a run's folder.
+
+    Raises
+    ------
+    InputError
+        There is none, or it is damaged.
+    """
+    try:
+        summary: dict[str, Any] = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        scores = summary["agents"]
+        if not scores or not all(isinstance(table, dict) for table in (summary, scores, *scores.values())):
+            raise ValueError("no agent")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise InputError(
+            f"{folder / 'run.json'}", "none that can be read", "a folder that a run wrote"
+        ) from error
+    return summary
+
+
 def read_run(directory: str | os.PathLike[str]) -> RunFiles:
     """Read a run's folder back.
 
@@ -175,16 +195,8 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
     """
     folder = Path(directory)
     refuse_unfinished(folder)
-    try:
-        summary = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        scores = summary["agents"]
-        if not scores or not all(isinstance(table, dict) for table in (summary, scores, *scores.values())):
-            raise ValueError("no agent")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise InputError(
-            f"{folder / 'run.json'}", "none that can be read", "a folder that a run wrote"
-        ) from error
-    agents = {}
+    summary = read_summary(folder)
+    scores, agents = summary["agents"], {}
     for name in scores:
         allowed = folder_fault(name)
         if allowed is not None:  # a path out of the folder, above all

@@ -54,6 +54,8 @@ class Method:
         Whether ``filter.particles`` means anything to it.
     maps : bool
         Whether it maps anything at all.
+    learns : bool
+        Whether the features of its map are learned: those of others are paths that no surface explains.
     antennas : "single antennas", "arrays" or "any"
         What received the signals that it takes.
     """
@@ -69,6 +71,7 @@ class Method:
     on_angles: bool = False
     draws_particles: bool = True
     maps: bool = True
+    learns: bool = False
     antennas: Antennas = "any"
 
 
@@ -162,6 +165,7 @@ _ENTERED = (
         "hybrid SLAM: the line of sight by physics, learned features for all else",
         "docs/model.md#15-hybrid-slam",
         measures="sampled signals: one antenna at the anchor; where the agent has several, its heading",
+        learns=True,
         takes="signal",
     ),
     Method(
@@ -180,6 +184,7 @@ _ENTERED = (
         "hybrid SLAM's other reference: told the true walls and scatterers, learns nothing",
         "docs/model.md#15-hybrid-slam",
         measures="sampled signals, as hybrid",
+        learns=True,
         takes_map=False,
         takes="signal",
     ),
@@ -189,6 +194,7 @@ _ENTERED = (
         "hybrid SLAM's learning as published: networks from random places, a reference",
         "docs/model.md#15-hybrid-slam",
         measures="sampled signals, as hybrid",
+        learns=True,
         takes_map=False,
         takes="signal",
     ),
@@ -229,8 +235,8 @@ def kind_of(name: str) -> Kind:
 
 
 def maps_features(name: str, features: Sized | None) -> int | None:
-    """How many features are in the map of the method of this name; None if it has no place for any."""
-    return None if features is None or (name in METHODS and not METHODS[name].maps) else len(features)
+    """How many features are in the map of the method of this name; None if it learns none."""
+    return None if features is None or (name in METHODS and not METHODS[name].learns) else len(features)
 
 
 def particles_of(name: str, particles: int) -> int | None:

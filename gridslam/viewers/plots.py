@@ -44,7 +44,7 @@ from gridslam.measurements.recording import Recording
 from gridslam.runs import network_files
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.simulation.image_source import Truth
-from gridslam.systems.registry import kind_of
+from gridslam.systems.registry import kind_of, maps_features
 from gridslam.viewers import network_plots
 from gridslam.viewers.feature_plots import draw_features, draw_sights
 from gridslam.viewers.signal_plots import (
@@ -236,6 +236,7 @@ def draw_all(
     shared = (Path(directory) / network_files.H5).exists()  # several agents at once
     truths = {name: _truth(run.scene, name, found) for name, found in run.agents.items()}
     for name, found in run.agents.items():
+        learned = maps_features(str(run.summary.get("method")), found.map.features) is not None
         truth = truths[name]
         beside = [t for other, t in truths.items() if shared and other != name and t is not None]
         whole = None if truth is None else truth.joined(beside)
@@ -256,11 +257,11 @@ def draw_all(
                 drawn["reflection"].axes[0].set_title(words, fontsize="small")
             if isinstance(found.measurements, Recording):
                 drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
-                if truth is not None and found.map.features is None:  # features are no images of walls
+                if truth is not None and not learned:  # features are no images of walls
                     drawn["gospa"] = draw_gospa(run.scene, found.estimates, truth, width)
                 if has_images(found.estimates):
                     drawn["images"] = draw_images(run.scene, found.estimates, width)
-            if found.map.features is not None:
+            if learned and found.map.features is not None:
                 drawn["sights"] = draw_sights(run.scene, found.estimates, truth, width)
                 tracks = found.trajectory, found.truth
                 drawn["features"] = draw_features(run.scene, found.map.features, *tracks, width)

@@ -1,12 +1,15 @@
 """Learned features in a map's file, and from a belief to a map and back."""
 
+import json
 from dataclasses import fields, replace
 
 import h5py
 import numpy as np
 import pytest
 from map_samples import random_map
+from scene_samples import shortened
 
+import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.inference.management.features.feature_tables import classify, feature_estimate, with_features
@@ -152,9 +155,33 @@ def test_features_are_exported_with_their_deviations(tmp_path):
     assert not (tmp_path / "plain" / "features.csv").exists()
 
 
-def test_features_are_points_in_geojson(tmp_path):
-    import json
+@pytest.mark.parametrize(("method", "called"), [("grid", "unexplained"), ("hybrid", "features")])
+def test_paths_that_no_surface_explains_are_not_exported_as_features(say, tmp_path, method, called):
+    table, joint = feature_estimate(belief(), ANCHORS)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    replace(random_map(1), features=table, feature_covariance=joint).save(folder / "map.h5")
+    (folder / "run.json").write_text(json.dumps({"method": method, "agents": {"a": {}}}))
+    assert say("export", "run/map.h5", "-o", "out").code == 0
+    found = {path.stem for path in (tmp_path / "out").iterdir()} & {"features", "unexplained"}
+    assert found == {called}
+    assert {path.suffix for path in (tmp_path / "out").glob(f"{called}.*")} == {".csv", ".geojson"}
 
+
+@pytest.mark.slow
+def test_paths_that_no_surface_explains_are_not_drawn_as_features(say, tmp_path):
+    short = shortened(gs.Scene.load("room"), 6)
+    (tmp_path / "short.toml").write_text(short.to_toml())
+    assert say("run", "short.toml", "--seed", 1, "-o", "out").code == 0
+    own, (table, joint) = tmp_path / "out" / "agent1" / "map.h5", feature_estimate(belief(), ANCHORS)
+    replace(gs.Map.load(own), features=table, feature_covariance=joint).save(own)
+    assert say("plot", "out").code == 0
+    drawn = {path.stem for path in (tmp_path / "out" / "figures").iterdir()}
+    assert "agent1-map" in drawn
+    assert not drawn & {"agent1-features", "agent1-sights"}
+
+
+def test_features_are_points_in_geojson(tmp_path):
     from gridslam.importers.geojson import write_features
 
     table, _ = feature_estimate(belief(), ANCHORS)

@@ -146,6 +146,7 @@ def test_what_a_method_does_not_find_out_is_not_scored():
     """Features of a method that maps none, and a heading that recordings hold exactly."""
     assert [maps_features(name, "ab") for name in ("hybrid", "mine:Mine")] == [2, 2]
     assert [maps_features("los", ""), maps_features("grid", None)] == [None, None]
+    assert maps_features("grid", "ab") is None, "paths that no surface explains"
     screen = gs.Scene.load("screen")
     assert not tells_heading(screen, "agent1", "signal")
     assert tells_heading(screen, "agent1", "paths")
