@@ -1,6 +1,6 @@
 """Small maps made by hand or by chance, for the tests of maps, their files and their fusion."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -39,6 +39,11 @@ def random_map(seed, shape=(4, 5), cell=0.1, origin=(-0.3, 1.7), prior=0.01, lin
         posterior / posterior.sum(-1, keepdims=True),
         {"agents": ["a"], "seeds": [seed], "steps": [7], "scene": "room", "rate": 0.5, "count": 3},
     )
+
+
+def of_another_run(sheet):
+    """The map as if it were made of other measurements than those that are heard next."""
+    return replace(sheet, provenance={**sheet.provenance, "runs": [""]})
 
 
 def assert_same(a, b):

@@ -5,6 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 import h5py
 import numpy as np
 import pytest
+from map_samples import of_another_run
 
 import gridslam as gs
 from gridslam import runtime
@@ -117,11 +118,6 @@ def test_a_lesson_that_ended_at_another_step_is_refused(run, recording, later):
     lesson = replace(state.lesson, step=state.lesson.step - later)
     with pytest.raises(InputError, match="lesson"):
         HybridSlam.require_sound(replace(state, lesson=lesson), run[0].model, "state")
-
-
-def of_another_run(sheet):
-    """The map as if it were made of other measurements than those that are heard next."""
-    return replace(sheet, provenance={**sheet.provenance, "runs": [""]})
 
 
 @pytest.mark.slow
