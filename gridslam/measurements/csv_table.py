@@ -149,8 +149,26 @@ def read_csv(
             raise InputError(f"{path}: agent", found, "one, or a method for several (network)")
     if checked:
         place = "{}: line {}: {}".format
-        check_columns(columns, len(known), lambda row, name: place(path, lines[row], name), several, pseudo)
+        named = {IN_DEGREES[name]: name for name in written if name in IN_DEGREES}
+
+        def where_in_file(row: int, name: str) -> str:
+            return place(path, lines[row], name)
+
+        check_columns(columns, len(known), where_in_file, several, pseudo, named)
     return columns, known, whose
+
+
+def columns_in_degrees(path: str | os.PathLike[str]) -> dict[str, str]:
+    """Columns of a CSV file that are degrees there, by what they are here: ``{"aod_rad": "aod_deg"}``.
+
+    Raises
+    ------
+    InputError
+        It can't be read.
+    """
+    with _rows(Path(path)) as reader:
+        written = [name.strip() for name in next((row for row in reader if row), [])]
+    return {IN_DEGREES[name]: name for name in written if name in IN_DEGREES}
 
 
 class _Names:

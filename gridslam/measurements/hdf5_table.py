@@ -104,7 +104,13 @@ def get_rows(file: h5py.File, path: str, checked: bool = True) -> tuple[Columns,
     flags = {name: bool(rows.attrs.get(name, False)) for name in ("unlabelled", "pseudo")}
     if checked:
         place = "{}: /measurements/{}[{}]".format
-        check_columns(columns, len(names), lambda row, name: place(path, name, row), **flags)
+        check_columns(
+            columns,
+            len(names),
+            lambda row, name: place(path, name, row),
+            flags["unlabelled"],
+            flags["pseudo"],
+        )
     positions = None
     if "position_m" in group:
         high = getattr(group["position_m"], "shape", ())[1:] == (3,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ def check_columns(
     place: Callable[[int, str], str],
     unlabelled: bool = False,
     pseudo: bool = False,
+    in_degrees: Mapping[str, str] | None = None,
 ) -> None:
     """Check what the rows of a measurement table must satisfy.
 
@@ -58,6 +59,8 @@ def check_columns(
         Whether a row may leave open whose it is (anchor -1).
     pseudo : bool
         Whether offsets of clocks are in the distances, which may then be negative.
+    in_degrees : dict of str, optional
+        What columns of angles are called that are degrees where they come from.
 
     Raises
     ------
@@ -67,7 +70,10 @@ def check_columns(
 
     def refuse(bad: NDArray[np.bool_], name: str, allowed: str) -> None:
         for row in np.flatnonzero(bad)[:1]:
-            raise InputError(place(int(row), name), str(columns[name][row]), allowed)
+            value, called = columns[name][row], name
+            if in_degrees and name in in_degrees:  # said as it is written
+                value, called = np.round(np.degrees(value), 9), in_degrees[name]
+            raise InputError(place(int(row), called), str(value), allowed)
 
     step, time = columns["step"], columns["time_s"]
     refuse((step < 0) | (step >= MOST_STEPS), "step", f"0 to {MOST_STEPS - 1}")
@@ -84,8 +90,10 @@ def check_columns(
     for name in (name for name in (*VALUES, *OPTIONAL) if name in columns):
         refuse(np.isinf(columns[name]), name, "a finite number")
         if name in ("aod_rad", "aoa_rad"):
-            degrees = f"(degrees of a CSV file: {name[:3]}_deg)"
-            refuse(np.abs(columns[name]) > 2 * np.pi, name, f"radians, 2 pi at most {degrees}")
+            allowed = f"radians, 2 pi at most (degrees of a CSV file: {name[:3]}_deg)"
+            if in_degrees and name in in_degrees:
+                allowed = "degrees, 360 at most, or an empty cell if not measured"
+            refuse(np.abs(columns[name]) > 2 * np.pi, name, allowed)
         elif name in ELEVATIONS:
             refuse(np.abs(columns[name]) > 0.5 * np.pi, name, "radians above the horizontal, pi/2 at most")
         elif not (pseudo and name == "distance_m"):
