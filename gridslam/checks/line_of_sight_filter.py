@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.checks.range_errors import RangeError
-from gridslam.simulation.image_source import visible
+from gridslam.checks.views import in_view
 from gridslam.world.geometry import slant, unit, wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
 PARTICLES, STEPS = 300, 100
+TOLD_APART = 12
+"""Steps after which as many particles as usual go on from many starts."""
 DETECTED = 0.9
 """Share of the scans in which a line of sight is expected."""
 DETECTED_BEHIND = 0.3
@@ -57,6 +59,8 @@ class Sight:
         Mean position of the agent at each step.
     size_m : float
         Of the error in the distances, as estimated; 0 if none was supposed.
+    start : (3,) float64, m, m, rad
+        Where the particles that are left at the end began, and how they faced.
     """
 
     evidence: float
@@ -67,7 +71,8 @@ class Sight:
     probability: Array
     position_m: Array
     shares: Array
-    size_m: float = 0.0
+    size_m: float
+    start: Array
 
 
 def explain(
@@ -77,6 +82,8 @@ def explain(
     world_arrival: bool = False,
     error: RangeError | None = None,
     thorough: bool = False,
+    starts: Array | None = None,
+    steps: int = STEPS,
 ) -> Sight:
     """Follow the agent by line of sight alone over the first steps.
 
@@ -96,15 +103,23 @@ def explain(
     thorough : bool
         Judge from each particle which anchors the walls hide, and let it keep its velocity while they do: it
         follows an agent through doors, and finds readings of wrong tables that fit, too.
+    starts : (P, 3) m, m, rad, optional
+        Poses to begin with, instead of those about the scene's start.
+    steps : int
+        How many of the table's steps, from its first, the agent is followed over.
     """
     draw = np.random.default_rng(0)
     position, heading, pace = _start(scene, agent, draw, 1 if error is None else CROWD)
+    if starts is not None:
+        position, heading = starts[:, :2], starts[:, 2]
+        pace = _paces(scene.agent(agent).step_m if agent is not None else 0.1, len(starts))
+    begun = np.column_stack([position, heading])
     size = error.start(len(position), draw) if error is not None else None
-    walls = scene.segments()
+    walls, stands, orientations = scene.segments(), scene.anchor_positions, scene.anchor_orientations
     turn, heights = np.radians(scene.filter.heading_deg), scene.heights(agent)
     step, anchor = columns["step"], columns["anchor"]
     first = int(step[0]) if len(step) else 0
-    used = np.flatnonzero(step < first + STEPS)
+    used = np.flatnonzero(step < first + steps)
     weight = np.full(len(position), 1 / len(position))
     quantities = {name: _quantity(columns, name, scene) for name in QUANTITIES if name in columns}
     going, lasting = np.zeros_like(position), LASTING if thorough else 0.0
@@ -120,17 +135,16 @@ def explain(
         score = np.zeros(len(position))
         scans, there = [], np.unique(anchor[group])
         viewpoints = position if thorough else position.mean(0, keepdims=True)
-        for number in there:
-            stand = np.broadcast_to(scene.anchor_positions[number], viewpoints.shape)
-            expectation = np.where(visible(stand, viewpoints, walls), DETECTED, DETECTED_BEHIND)
+        seen = in_view(stands[there, None], viewpoints, walls)
+        for number, expectation in zip(there, np.where(seen, DETECTED, DETECTED_BEHIND), strict=True):
             own = group[anchor[group] == number]
-            away = position - scene.anchor_positions[number]
+            away = position - stands[number]
             direction = np.arctan2(away[:, 1], away[:, 0])
             level, height = np.hypot(*away.T), float(heights[number])
             distance = slant(level, height)
             if error is not None and size is not None:
                 distance = error.spoilt(level, size, int(number), height)
-            ahead = direction - scene.anchor_orientations[number]
+            ahead = direction - orientations[number]
             behind = direction + (np.pi if world_arrival else np.pi - heading)
             expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))
             ratio = _ratio(quantities, own, expected)
@@ -147,9 +161,12 @@ def explain(
             ranges.append(float(weight @ distance))
             chances.append(float(chance.sum()))
         track.append(weight @ position)
-        places = (draw.random() + np.arange(len(weight))) / len(weight)  # systematic resampling
+        # systematic resampling; of many starts few are left once these steps have told them apart
+        left = PARTICLES if starts is not None and len(track) >= TOLD_APART else len(weight)
+        places = (draw.random() + np.arange(left)) / left
         chosen = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
         position, heading, pace, going = position[chosen], heading[chosen], pace[chosen], going[chosen]
+        begun = begun[chosen]
         weight = np.full(len(chosen), 1 / len(chosen))
         if error is not None and size is not None:
             size = error.redrawn(size[chosen], draw)
@@ -172,12 +189,13 @@ def explain(
         places,
         np.array(shares),
         float(size.mean()) if size is not None else 0.0,
+        np.array([*begun[:, :2].mean(0), np.angle(np.exp(1j * begun[:, 2]).mean())]),
     )
 
 
 def _in_sight(scene: Scene, anchor: NDArray[np.intp], position: Array, least: float) -> NDArray[np.bool_]:
     """Scans (R,) in which the scene's walls leave the anchor in sight; all if less than that share is."""
-    clear = visible(scene.anchor_positions[anchor], position, scene.segments())
+    clear = in_view(scene.anchor_positions[anchor], position, scene.segments())
     return clear if clear.sum() >= max(least * len(clear), 1) else np.ones(len(anchor), dtype=bool)
 
 
@@ -194,8 +212,15 @@ def _start(
     count = times * PARTICLES
     position = body.start_m + draw.uniform(-wide, wide, (count, 2))
     facing = np.radians(body.start_heading_deg + body.prior.heading_deg * draw.uniform(-1, 1, count))
-    # a quarter of them hurries, since a table of one's own needn't keep to the scene's step
-    return position, facing, body.step_m * np.where(np.arange(count) % 4 == 0, 4.0, 0.8)
+    return position, facing, _paces(body.step_m, count)
+
+
+def _paces(step_m: float, count: int) -> Array:
+    """Standard deviations (count,) of a step in m.
+
+    A quarter of the particles hurries, since a table of one's own needn't keep to the scene's step.
+    """
+    return step_m * np.where(np.arange(count) % 4 == 0, 4.0, 0.8)
 
 
 @dataclass(frozen=True)

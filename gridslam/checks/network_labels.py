@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.checks.fit import FITTING
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_errors import LEAST_OFFSET_M
-from gridslam.checks.rivals import FITTING
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.world.clocks import NS

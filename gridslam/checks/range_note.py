@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.line_of_sight_filter import explain
-from gridslam.checks.rivals import CERTAIN, FITTING, both_measured, range_cure, range_errors
+from gridslam.checks.rivals import CERTAIN, both_measured, orders, range_cure, range_errors
 from gridslam.measurements.observations import Observations
 from gridslam.measurements.table import Measurements
+from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
 
@@ -23,9 +25,41 @@ def range_note(scene: Scene, agent: str, observations: Observations) -> str | No
     agent : str
         Who heard it.
     """
-    if not isinstance(observations, Measurements) or scene.clocks is not None:
+    table = _table(scene, observations)
+    if table is None or scene.clocks is not None:
         return None
-    if not set(observations.anchors) <= set(scene.anchor_names):
+    sight = explain(table, scene, agent)
+    if sight.explained < FITTING:  # too large to be taken for another place: its size is looked for, too
+        seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
+        top = max(seen, key=lambda one: one.evidence)
+        if top.explained < least_share(scene) or top.evidence < sight.evidence + CERTAIN:
+            return None
+        sight = top
+    cure = range_cure(table, scene, agent, sight)
+    return None if cure is None or cure.suspicion is None else cure.suspicion.text
+
+
+def fits_scene(scene: Scene, agent: str, observations: Observations) -> bool:
+    """Whether lines of sight explain a table as it stands; True where nothing can be known.
+
+    A filter that takes one anchor for another maps another world, and is sure of it.
+    """
+    table = _table(scene, observations)
+    if table is None:
+        return True
+    if scene.walls:
+        return settled(table, scene, agent).explained >= least_share(scene)
+    # without walls nobody knows how much can be explained: but more than chance, and than by other names
+    sight = explain(table, scene, agent)
+    if sight.explained < least_share(scene) or sight.evidence < 0:
+        return False
+    renamed = (table | {"anchor": np.array(order)[table["anchor"]]} for order in orders(len(scene.anchors)))
+    return all(explain(one, scene, agent).evidence < sight.evidence + CERTAIN for one in renamed)
+
+
+def _table(scene: Scene, observations: Observations) -> Columns | None:
+    """Measured paths in the order of steps, anchors as the scene's; None where they tell of no place."""
+    if not isinstance(observations, Measurements) or not set(observations.anchors) <= set(scene.anchor_names):
         return None
     place = np.array([scene.anchor_names.index(name) for name in observations.anchors], np.intp)
     table = {name: np.asarray(values) for name, values in observations.columns.items()}
@@ -34,12 +68,4 @@ def range_note(scene: Scene, agent: str, observations: Observations) -> str | No
     order = np.argsort(table["step"], kind="stable")
     table = {name: values[order] for name, values in table.items()}
     table["anchor"] = place[table["anchor"]]
-    sight = explain(table, scene, agent)
-    if sight.explained < FITTING:  # too large to be taken for another place: its size is looked for, too
-        seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
-        top = max(seen, key=lambda one: one.evidence)
-        if top.explained < FITTING or top.evidence < sight.evidence + CERTAIN:
-            return None
-        sight = top
-    cure = range_cure(table, scene, agent, sight)
-    return None if cure is None or cure.suspicion is None else cure.suspicion.text
+    return table

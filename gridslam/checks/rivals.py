@@ -9,6 +9,7 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
@@ -19,11 +20,13 @@ from gridslam.world.network_scene import clock_model
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
-FITTING = 0.8
-"""Share of scans that a line of sight must explain for a table, or a cure of it, to be called fitting."""
+EXPLAINED = 0.85
+"""Share of scans with a line of sight above which a column isn't questioned further."""
 CERTAIN, PROBABLE, CLEAR = 30.0, 15.0, 5.0
 """Log likelihood ratios in nats, over the table as it stands and over a rival, that a cure must reach;
 an error in the distances is told as probable from `PROBABLE` on."""
+ALIKE = 0.95
+"""Share of what a cure explains from which on another one explains as much."""
 MOST_BEHIND = 60.0
 """Log likelihood ratio in nats up to which an offset is told of behind another reading."""
 MOST_MISFIT = 4.0
@@ -77,10 +80,10 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
     """
     needed = max(sofar.evidence + CLEAR, plain.evidence + CERTAIN, CERTAIN)
     best: Cure | None = None
-    for order in _orders(len(scene.anchors)):
+    for order in orders(len(scene.anchors)):
         renamed = table | {"anchor": np.array(order)[table["anchor"]]}
         sight = explain(renamed, scene, agent)
-        if sight.explained >= FITTING and sight.evidence > needed:
+        if sight.explained >= least_share(scene) and sight.evidence > needed:
             needed = sight.evidence + CLEAR
             best = Cure(_names(order, scene, sight, plain), renamed, sight)
     # directions in the world are turns, too, each by the anchor's orientation: the simpler cure comes first
@@ -92,8 +95,13 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
     # finds the lines of sight alone: the particles may miss the right error, least squares name it afterwards
     seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
     top = max(seen, key=lambda sight: sight.evidence)
-    if top.explained < FITTING or top.evidence <= needed:
+    if top.evidence <= needed:
         return best
+    if top.explained < least_share(scene):  # walls may hide anchors from some particles, but not from others
+        error = range_errors(scene)[seen.index(top)]
+        top = settled(table, scene, agent, error=error)
+        if top.explained < least_share(scene):
+            return best
     return range_cure(table, scene, agent, top) or best
 
 
@@ -109,8 +117,8 @@ def upheld(
     found : list of Suspicion
     """
     plain = explain(table, scene, agent, thorough=True)
-    if plain.explained < FITTING or not found:
-        return plain if plain.explained >= FITTING else None
+    if plain.explained < least_share(scene) or not found:
+        return plain if plain.explained >= least_share(scene) else None
     world = ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}
     whole = read | {"aoa_rad": table["aoa_rad"]} if world else read
     other = explain(whole, scene, agent, world, thorough=True)
@@ -133,7 +141,7 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
         Log evidence that must be reached.
     """
     found = [(explain(read, scene, agent), turns, read) for turns, read in turned_tables(table, scene, agent)]
-    found = [one for one in found if one[0].explained >= FITTING]
+    found = [one for one in found if one[0].explained >= least_share(scene)]
     if not found:
         return None
     top = max(sight.evidence for sight, _, _ in found)
@@ -178,10 +186,10 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     with np.errstate(invalid="ignore"):
         cured = error.cured(distance, best.size_m, scene.heights(agent)[table["anchor"]])
     whole = table | {"distance_m": np.where(spoilt, cured, distance)}
-    after = explain(whole, scene, agent)
-    if after.explained < FITTING:
+    after = settled(whole, scene, agent)
+    if after.explained < least_share(scene):
         return None
-    before = explain(table, scene, agent)
+    before = settled(table, scene, agent)
     reason = (
         f"line of sight in {after.explained:.0%} of {after.scans} scans, {before.explained:.0%} as it "
         f"stands; misfit of these {plain.misfit / max(best.misfit, 1e-9):.1f} times as large without it; "
@@ -235,7 +243,11 @@ def offset_beside(
         What is explained then.
     """
     kinds = {item.kind for item in found}
-    if not found or kinds & {"offset", "slant", "names", "turned"} or not both_measured(table):
+    if (
+        not found
+        or kinds & {"offset", "slant", "names", "turned", "start", "agent"}
+        or not both_measured(table)
+    ):
         return found
     error = RangeError("offset", tuple(range(len(scene.anchors))))
     rival = explain(table, scene, agent, error=error)
@@ -245,12 +257,16 @@ def offset_beside(
         bends = min(turning_rad(one.position_m) for one in (rival, ahead))
         if ahead.evidence > rival.evidence and bends < STRAIGHT_RAD:
             rival = ahead
-    if rival.explained < FITTING or rival.evidence < sight.evidence - MOST_BEHIND:
+    # where nobody knows how much can be explained, a rival must explain as much as what it is named beside
+    least = FITTING if scene.walls else max(least_share(scene), ALIKE * sight.explained)
+    if rival.explained < least or rival.evidence < sight.evidence - MOST_BEHIND:
         return found
     if abs(rival.size_m) < error.least_m:
         return found
     free = explain(read, scene, agent, error=error)  # to be fair: what an offset gains on the reading, too
-    gain = rival.evidence - max(sight.evidence, free.evidence if free.explained >= FITTING else -np.inf)
+    gain = rival.evidence - max(
+        sight.evidence, free.evidence if free.explained >= least_share(scene) else -np.inf
+    )
     if gain < -MOST_BEHIND:
         return found
     more = "more" if gain > CLEAR else "as much" if gain > -CLEAR else "less"
@@ -264,6 +280,27 @@ def offset_beside(
     if gain > CERTAIN:  # another reading of the distances is worse by far
         others = [item for item in others if item.column != "distance_m"]
     return [own, *others] if gain > CLEAR else [*others, own]
+
+
+def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
+    """An offset of all distances where one anchor is in sight, if it explains clearly more of a table.
+
+    Least squares need several anchors at once; the way that the agent goes from its start tells, too.
+    """
+    error = RangeError("offset", tuple(range(len(scene.anchors))))
+    moved = explain(table, scene, agent, error=error)
+    gain = moved.evidence - sight.evidence
+    if moved.explained < least_share(scene) or gain < CERTAIN or abs(moved.size_m) < error.least_m:
+        return None
+    if _allowed_for(error, moved.size_m, scene, agent):
+        return None
+    reason = (
+        f"line of sight in {moved.explained:.0%} of {moved.scans} scans, {sight.explained:.0%} as it stands; "
+        f"log likelihood ratio {gain:.0f}; one anchor in sight can't tell it from another start"
+    )
+    suspicion = Suspicion("distance_m", "offset", _words(error, moved.size_m, scene), False, reason)
+    cured = table | {"distance_m": table["distance_m"] - moved.size_m}
+    return Cure(suspicion, cured, explain(cured, scene, agent))
 
 
 def both_measured(table: Columns) -> bool:
@@ -288,7 +325,7 @@ def _words(error: RangeError, size: float, scene: Scene) -> str:
     return f"distances {whose} are {much} too {long}, as by clocks that differ; {cure}{instead}"
 
 
-def _orders(count: int) -> Iterator[tuple[int, ...]]:
+def orders(count: int) -> Iterator[tuple[int, ...]]:
     """Orders of the anchors other than their own; of many anchors, those with two exchanged."""
     own = tuple(range(count))
     if count <= MOST_PERMUTED:

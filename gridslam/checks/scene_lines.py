@@ -7,7 +7,11 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.simulation.image_source import visible
 from gridslam.wording import counted
+from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
+
+LEAST_CARRIER_HZ, LEAST_BANDWIDTH_HZ = 1e6, 1e5
+"""Below these a radio can't be meant: at 100 kHz two paths must differ by 3 km to be told apart."""
 
 
 def scene_lines(scene: Scene) -> list[str]:
@@ -22,11 +26,31 @@ def scene_lines(scene: Scene) -> list[str]:
         walls += f" of {counted(pieces, 'piece')}"
     counts = f"{counted(len(scene.anchors), 'anchor')}, {walls}, {counted(len(scene.agents), 'agent')}"
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
+    lines += [f"suspect: {found}" for found in implausible_radio(scene)]
     lines += _beyond(scene)
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
             lines.append(f"  {agent.name}: {_in_sight(scene, scene.track(agent.name).position_m)}")
     return lines
+
+
+def implausible_radio(scene: Scene) -> list[str]:
+    """Fields of a scene's radio, with their values, that can hardly be meant: other units, mostly."""
+    radio, found = scene.radio, list[str]()
+    if radio.carrier_hz < LEAST_CARRIER_HZ:
+        found.append(
+            f"radio.carrier_hz: {radio.carrier_hz:g} Hz is no carrier of a radio: MHz or GHz for Hz?"
+        )
+    if radio.bandwidth_hz < LEAST_BANDWIDTH_HZ:
+        cell = SPEED_OF_LIGHT / radio.bandwidth_hz
+        found.append(
+            f"radio.bandwidth_hz: {radio.bandwidth_hz:g} Hz tells paths apart by {cell:.2g} m: MHz for Hz?"
+        )
+    elif radio.bandwidth_hz > radio.carrier_hz:
+        found.append(
+            f"radio.bandwidth_hz: {radio.bandwidth_hz:g} Hz is more than carrier_hz, {radio.carrier_hz:g} Hz"
+        )
+    return found
 
 
 def _beyond(scene: Scene) -> list[str]:

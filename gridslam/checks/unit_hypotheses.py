@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.world.columns import VALUES, Columns
+from gridslam.world.columns import Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
@@ -18,7 +18,6 @@ from gridslam.world.scene import Scene
 Reading = Callable[[Array, NDArray], Array]
 ANGLES = ("aod_rad", "aoa_rad")
 FOOT_M = 0.3048
-PAD_VALUES = (-1.0, 0.0, -99.0, -999.0, -9999.0, 999.0, 9999.0)
 
 
 @dataclass(frozen=True)
@@ -66,25 +65,6 @@ ADVICE = {
     "dB": "decibels, where the linear root of the SNR belongs",
     "power": "the SNR itself, where its root belongs",
 }
-
-
-def padding(columns: Columns) -> tuple[list[Suspicion], Columns]:
-    """Rows of one filler value in several columns, or in one that can't hold it; and the table without."""
-    count = len(columns["step"])
-    present = [name for name in VALUES if name in columns]
-    for value in PAD_VALUES:
-        equal = {name: columns[name] == value for name in present}
-        several = np.sum(list(equal.values()), axis=0) >= min(2, len(present))
-        positive = [equal[name] for name in ("distance_m", "amplitude") if name in present and value <= 0]
-        rows = several | np.any(positive, axis=0) if positive else several
-        if rows.sum() >= max(2, 0.002 * count):
-            held = ", ".join(name for name in present if (equal[name] & rows).any())
-            reason = f"{rows.sum()} of {count} rows"
-            text = f"padding: {value:g} stands for nothing there; leave such cells empty or such rows out"
-            rest = {name: values[~rows] for name, values in columns.items()}
-            more, rest = padding(rest)
-            return [Suspicion(held, "padding", text, True, reason), *more], rest
-    return [], columns
 
 
 def absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:

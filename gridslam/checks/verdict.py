@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.fit import BLIND, FITTING, settled
+from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
-from gridslam.checks.rivals import FITTING
+from gridslam.checks.start_search import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
@@ -16,6 +17,10 @@ UNSURE = "unsure: "
 """Begins a line that says that a table can't be judged."""
 FEW = 10
 """Scans below which little can be told."""
+LEAST_SIGHTS = 8.0
+"""Expected lines of sight from which on an anchor was in sight."""
+LONGEST = 1000
+"""Steps over which it is looked for."""
 MANY = 20
 """Steps with lines of sight to two anchors from which on errors of distances show."""
 
@@ -37,9 +42,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     order = np.argsort(columns["step"], kind="stable")
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
-    seen = explain(table, scene, agent)
-    if seen.explained < FITTING:
-        seen = explain(table, scene, agent, thorough=True)
+    seen = settled(table, scene, agent)
     line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
     if seen.explained >= FITTING:
         line += ": units and frames fit the scene"
@@ -49,16 +52,51 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
         if both < MANY and any(len(finite(columns, name)) for name in ANGLES):
             total = len(np.unique(table["step"]))
             line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
-        return line
+        return line + _not_judged(table, scene, seen)
     if len(scene.anchors) > 1:
-        each = zip(scene.anchor_names, seen.shares, strict=True)
-        line += f" ({', '.join(f'{name} {share:.0%}' for name, share in each if share == share)})"
+        line += f" ({_each(scene, seen)})"
     if not any(len(finite(columns, name)) for name in ANGLES):
         return f"{line}: distances alone don't tell where the agent is, so that nothing more can be said"
-    if seen.explained < 0.3 or seen.scans < FEW:
+    if seen.explained < BLIND or seen.scans < FEW:
         whether = "whether units and frames are right; no single cure explains the rows"
         return f"{UNSURE}{line}: too few to tell {whether}"
-    if not scene.walls:
-        hidden = "walls, of which the scene has none, may hide anchors"
-        return f"{line}: no other reading of a column explains more; {hidden}"
-    return f"suspect: {line}: does not fit the scene, and no single cure explains the rows"
+    if scene.walls:
+        return f"suspect: {line}: does not fit the scene, and no single cure explains the rows"
+    unseen = _never_seen(table, scene, agent, seen)
+    if unseen:
+        which = f"{', '.join(unseen)} {'is' if len(unseen) == 1 else 'are'} never in line of sight"
+        return (
+            f"{UNSURE}{line}: {which}: hidden by walls, of which the scene has none, or its rows are wrong; "
+            "give the scene the walls that you know, or a way that passes there"
+        )
+    hidden = "walls, of which the scene has none, may hide anchors"
+    return f"{line}: no other reading of a column explains more; {hidden}{_not_judged(table, scene, seen)}"
+
+
+def _each(scene: Scene, seen: Sight) -> str:
+    """Shares of anchors that were heard."""
+    each = zip(scene.anchor_names, seen.shares, strict=True)
+    return ", ".join(f"{name} {share:.0%}" for name, share in each if share == share)
+
+
+def _not_judged(table: Columns, scene: Scene, seen: Sight) -> str:
+    """Which anchors are out of sight at first, so that what is said doesn't hold for them."""
+    heard = np.bincount(table["anchor"][seen.row], minlength=len(scene.anchors)) >= FEW
+    names = zip(scene.anchor_names, heard, np.nan_to_num(seen.shares) < UNSEEN, strict=True)
+    hidden = [name for name, often, never in names if often and never]
+    return f"; {', '.join(hidden)} out of sight over the first steps, and not judged" if hidden else ""
+
+
+def _never_seen(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> list[str]:
+    """Anchors that were heard often, and never in line of sight: nothing tells whether their rows are right.
+
+    Where that seems so over the first steps, the agent is followed on.
+    """
+    if np.nanmin(seen.shares) >= UNSEEN:
+        return []
+    whole = int(np.ptp(table["step"])) + 1
+    seen = explain(table, scene, agent, thorough=True, steps=min(whole, LONGEST))
+    heard = np.bincount(table["anchor"][seen.row], minlength=len(scene.anchors))
+    expected = np.nan_to_num(seen.shares) * heard
+    names = zip(scene.anchor_names, heard, expected, strict=True)
+    return [name for name, scans, sights in names if scans >= FEW and sights < LEAST_SIGHTS]

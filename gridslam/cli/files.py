@@ -61,7 +61,10 @@ def check(
     world = Scene.load(scene) if scene is not None else None
     samples = _holds_samples(file)
     if not (samples or _is_table(file)):
-        _say(_describe(file))
+        said = _describe(file)
+        _say(said)
+        if "\nsuspect: " in said:
+            raise typer.Exit(1)
         return
     several = not samples and is_network(file, world if agent is None else None)
     if several:

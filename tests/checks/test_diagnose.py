@@ -135,7 +135,9 @@ def test_padding_is_named_and_the_rest_still_judged(tables, value):
     padded = good | {name: np.where(rows, value, good[name]) for name in names}
     found = suspicions(padded | {"aoa_rad": -padded["aoa_rad"]}, table.anchors, SCENES["room"])
     found += suspicions(padded, table.anchors, SCENES["room"])
-    assert [item.kind for item in found] == ["padding", "flipped", "padding"]
+    # with the sign of one column turned its -999 is another filler than that of the others
+    first = ["padding"] if value == 0 else ["padding", "padding"]
+    assert [item.kind for item in found] == [*first, "flipped", "padding"]
     assert f"{rows.sum()} of" in found[0].reason
 
 

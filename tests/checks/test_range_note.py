@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.checks.range_note import range_note
+from gridslam.checks.range_note import fits_scene, range_note
 
 ROOM = gs.Scene.load("room")
 
@@ -43,3 +43,23 @@ def test_nothing_is_said_where_nothing_can_be_known():
     clocks = {**ROOM.model_dump(exclude_none=True), "clocks": {"anchor_prior_ns": 10.0}}
     assert range_note(gs.Scene.checked(clocks, "room"), "agent1", late(measurements, 1.5)) is None
     assert range_note(ROOM, "agent1", replace(late(measurements, 1.5), anchors=("A", "C"))) is None
+
+
+def test_without_walls_an_offset_is_named_too():
+    """Which anchors are hidden nobody knows there: evidence decides."""
+    bare = gs.Scene.checked({**ROOM.model_dump(exclude_none=True), "walls": []}, "bare")
+    measurements = gs.simulate(ROOM, "agent1", seed=12)
+    hidden = (measurements.anchor == 1) & (measurements.step > 20)  # as behind a wall: reflections are left
+    shown = replace(measurements, aoa_rad=np.where(hidden, np.nan, measurements.aoa_rad))
+    note = range_note(bare, "agent1", late(shown, 1.5))
+    assert note is not None
+    assert "of all anchors are 1." in note
+
+
+def test_exchanged_anchors_do_not_fit_and_right_ones_do():
+    measurements = gs.simulate(ROOM, "agent1", seed=12)
+    exchanged = replace(measurements, anchor=1 - measurements.anchor)
+    for walls in (ROOM.walls, ()):
+        scene = ROOM.model_copy(update={"walls": walls})
+        assert fits_scene(scene, "agent1", measurements)
+        assert not fits_scene(scene, "agent1", exchanged)

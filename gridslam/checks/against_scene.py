@@ -1,0 +1,122 @@
+"""What looks wrong with a table against the scene: every cure there is, and the one that explains most."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gridslam.checks import elevations, time_units
+from gridslam.checks.column_readings import likeliest_way
+from gridslam.checks.fit import least_share
+from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.loudness import loudness
+from gridslam.checks.rivals import (
+    EXPLAINED,
+    MOST_BEHIND,
+    both_measured,
+    fitting_cure,
+    offset_alone,
+    offset_beside,
+    upheld,
+    whole_cure,
+)
+from gridslam.checks.start_search import RIVAL, goes_ahead, one_in_sight, other_start
+from gridslam.checks.unit_hypotheses import Suspicion, finite
+from gridslam.world.columns import VALUES, Columns
+from gridslam.world.scene import Scene
+
+AHEAD = 0.7
+"""Cosine between course and heading from which on an agent moves ahead, or backwards if negative."""
+
+
+def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[str]) -> list[Suspicion]:
+    """What the lines of sight to the scene's anchors show of a table.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.line_of_sight_filter.explain`.
+    known : set of str
+        Columns of which something is known to be wrong already.
+    """
+    order = np.argsort(table["step"], kind="stable")
+    asis = {name: values[order] for name, values in table.items()}
+    if not any(len(finite(asis, name)) for name in VALUES if name != "amplitude"):
+        return []
+    plain = explain(asis, scene, agent)
+    found, read, sight = _best_cure(asis, scene, agent, plain)
+    kinds = {item.kind for item in found}
+    fits = sight.explained >= (EXPLAINED if scene.walls else least_share(scene))
+    if fits and not kinds & {"start", "agent"} and not {"distance_m", "anchor"} & {i.column for i in found}:
+        cure = fitting_cure(read, scene, agent, sight)
+        if cure is None and not found and one_in_sight(sight) and both_measured(asis):
+            cure = offset_alone(asis, scene, agent, sight)
+        if cure is not None:
+            found += [cure.suspicion] if cure.suspicion is not None else []
+            sight = cure.sight
+        if not found and cure is None and both_measured(asis):
+            # from a wrong heading the right one is found, some steps later
+            elsewhere = other_start(asis, scene, agent, sight, sight)
+            if elsewhere is not None:
+                found, read, sight = _with_start(found, read, sight, asis, elsewhere)
+    found = offset_beside(found, asis, read, scene, agent, sight)
+    found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
+    found += elevations.suspicions(read | asis, sight, scene, agent)
+    measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))
+    # what isn't a line of sight tells nothing of the level, and where little fits it is none
+    lost = any(item.kind == "start" for item in found) and one_in_sight(sight)
+    if "amplitude" not in known and measured and sight.explained >= least_share(scene) and not lost:
+        found += loudness(asis["amplitude"], sight, scene)
+    return found
+
+
+def _best_cure(
+    asis: Columns, scene: Scene, agent: str | None, plain: Sight
+) -> tuple[list[Suspicion], Columns, Sight]:
+    """What is wrong by the best cure, the table as it should have been, and what is explained then."""
+    way = likeliest_way(asis, scene, agent, plain)
+    found, read, sight = way.suspicions(asis, scene, agent), way.table, way.sight
+    if plain.explained < EXPLAINED:
+        if not found:
+            read, sight = asis, plain
+        cure = whole_cure(asis, scene, agent, sight, plain)
+        if cure is not None:  # it explains more than all readings of columns
+            read, sight = cure.table, cure.sight
+            found = [cure.suspicion] if cure.suspicion is not None else []
+        # half a turn of the heading is the same as arrivals read backwards: evidence can't decide
+        behind = MOST_BEHIND if {item.kind for item in found} == {"backwards"} else RIVAL
+        elsewhere = other_start(asis, scene, agent, plain, sight, behind) if both_measured(asis) else None
+        if elsewhere is not None:
+            found, read, sight = _with_start(found, read, sight, asis, elsewhere)
+    started = any(item.kind in ("start", "agent") for item in found)
+    if (found or plain.explained < EXPLAINED) and not started:
+        if (followed := upheld(asis, read, found, scene, agent)) is not None:
+            return [], asis, followed
+    return found, read, sight
+
+
+def _with_start(
+    found: list[Suspicion],
+    read: Columns,
+    sight: Sight,
+    asis: Columns,
+    elsewhere: tuple[Suspicion | None, Sight],
+) -> tuple[list[Suspicion], Columns, Sight]:
+    """A start that explains as much as another cure, or more: beside it, or instead.
+
+    A heading that is wrong by half a turn and arrivals read backwards are the same to every line of sight; an
+    agent that moves ahead tells them apart.
+    """
+    start, other = elsewhere
+    if start is None:
+        return [], asis, other
+    ahead = goes_ahead(other)
+    if {item.kind for item in found} == {"backwards"} and abs(ahead) > AHEAD:
+        return ([start], asis, other) if ahead > 0 else (found, read, sight)
+    if one_in_sight(other):
+        note = f"{start.reason}; one anchor in sight can't tell it from an error in what that anchor measures"
+        start = replace(start, certain=False, reason=note)
+    if not found or start.certain:
+        return [start], asis, other
+    return [*(replace(item, certain=False) for item in found), start], read, sight

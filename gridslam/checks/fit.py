@@ -1,0 +1,34 @@
+"""When a table, or a cure of it, is said to fit the scene."""
+
+from __future__ import annotations
+
+from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.range_errors import RangeError
+from gridslam.world.columns import Columns
+from gridslam.world.scene import Scene
+
+FITTING = 0.8
+"""Share of scans that a line of sight must explain for a table, or a cure of it, to be called fitting."""
+BLIND = 0.3
+"""The same where the scene has no walls: nobody knows in how many scans an anchor is hidden. Evidence decides
+there which reading is right; the share only keeps chance from being called a fit."""
+
+
+def least_share(scene: Scene) -> float:
+    """Share of scans that must be explained for something to fit this scene."""
+    return FITTING if scene.walls else BLIND
+
+
+def settled(
+    table: Columns,
+    scene: Scene,
+    agent: str | None,
+    world_arrival: bool = False,
+    error: RangeError | None = None,
+) -> Sight:
+    """What is explained of a table as it is judged in the end: followed through doors, if need be."""
+    sight = explain(table, scene, agent, world_arrival, error)
+    if sight.explained >= FITTING:
+        return sight
+    through = explain(table, scene, agent, world_arrival, error, thorough=True)
+    return through if through.explained > sight.explained else sight

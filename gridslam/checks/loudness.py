@@ -1,0 +1,79 @@
+"""Whether amplitudes are what they are called, by lines of sight: the level, decibels, powers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.checks.line_of_sight_filter import Sight
+from gridslam.checks.unit_hypotheses import ADVICE, Suspicion
+from gridslam.world.scene import Scene
+
+ENOUGH, CERTAIN = 10.0, 30.0
+"""Log likelihood ratios in nats above which a reading is told, and told as certain."""
+LEVEL_DB = 2.5
+"""Amplitudes whose level is nearer to the expected one aren't questioned."""
+MOST_OFF_DB, ENOUGH_SIGHTS = 6.0, 30
+"""A level so far off is told, if so many lines of sight have it."""
+ENOUGH_ROWS, FAINTEST = 200, 0.02
+"""Measurements, and the share of them that must be nearly as faint as can be, for a threshold to be seen."""
+SHIFTS_M = (-4.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 4.0)
+"""Errors of all distances that might be why amplitudes don't fit."""
+
+
+def loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
+    """Amplitudes of the lines of sight against one over the distance, the level being known to some 4 dB."""
+    rows = sight.row[sight.probability > 0.7]
+    near = sight.distance_m[sight.probability > 0.7]
+    with np.errstate(invalid="ignore"):
+        good = (amplitude[rows] > 0) & (near > 0)
+    loud, near = amplitude[rows][good], near[good]
+    if len(loud) < 10:
+        return []
+    expected = np.log(scene.signal_model().amplitude(near))
+    readings = {"": np.log(loud), "dB": loud * np.log(10) / 20, "power": 0.5 * np.log(loud)}
+    scores = {kind: _level(values - expected) for kind, values in readings.items()}
+    kind = max(scores, key=lambda name: scores[name])
+    gain = scores[kind] - scores[""]
+    if kind == "power":  # distances that are all off bend the same curve
+        moved = (near - shift for shift in SHIFTS_M if (near > shift).all())
+        bent = (_level(readings[""] - np.log(scene.signal_model().amplitude(true))) for true in moved)
+        gain = scores[kind] - max([scores[""], *bent])
+    off = readings[""] - expected
+    level = 20 / np.log(10) * float(np.median(off))
+    shown = f"{len(loud)} lines of sight are {level:+.0f} dB off as it stands"
+    stated, way = scene.radio.snr_at_1m_db, "low" if level > 0 else "high"
+    louder = f"the scene's radio.snr_at_1m_db of {stated:g} dB is too {way}: {stated + level:.0f} fits"
+    # decibels may be as large as what they stand for; their course with the distance isn't
+    misread = bool(kind) and gain >= (ENOUGH if abs(level) >= LEVEL_DB or kind != "dB" else CERTAIN)
+    misread &= abs(level) >= LEVEL_DB or kind == "dB"
+    begins = gain > 0 and _at_threshold(amplitude, kind, scene) and not _at_threshold(amplitude, "", scene)
+    misread |= bool(kind) and begins
+    # logarithms spread more or less than what they are read as does, so densities of either aren't alike
+    stretch = {"": 0.0, "power": -np.log(2) * len(loud), "dB": np.log(readings["dB"]).sum()}
+    if abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
+        if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
+            reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
+            return [Suspicion("amplitude", "level", louder, False, reason)]
+    if not misread:
+        return []
+    reason = f"{shown}; log likelihood ratio {gain:.0f}"
+    reason += "; so read, the faintest are at the scene's radio.detection_threshold_db" if begins else ""
+    return [Suspicion("amplitude", kind, ADVICE[kind], gain > CERTAIN or begins, reason)]
+
+
+def _at_threshold(amplitude: Array, kind: str, scene: Scene) -> bool:
+    """Whether a reading of the amplitudes begins where the scene's radio begins to detect paths."""
+    decibels, measured = scene.radio.detection_threshold_db, amplitude[np.isfinite(amplitude)]
+    first = {"": 10 ** (decibels / 20), "dB": decibels, "power": 10 ** (decibels / 10)}[kind]
+    if len(measured) < ENOUGH_ROWS or first <= 0:
+        return False
+    return bool(measured.min() > 0.98 * first and np.quantile(measured, FAINTEST) < 1.1 * first)
+
+
+def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:
+    """Log likelihood of log amplitudes off by one common level (std 0.5); a fifth may be anything."""
+    levels = np.linspace(-1.5, 1.5, 61)
+    near = np.exp(-0.5 * ((gap - levels[:, None]) / spread) ** 2) / (np.sqrt(2 * np.pi) * spread)
+    each = np.log((1 - stray) * near + stray / 6).sum(1) - 0.5 * (levels / 0.5) ** 2
+    return float(np.logaddexp.reduce(each))

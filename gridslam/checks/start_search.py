@@ -1,0 +1,160 @@
+"""Where the agent may have begun, if not where the scene says: by lines of sight alone.
+
+Every row of the first steps is taken for a line of sight; the poses from which it would be one are where
+`gridslam.checks.line_of_sight_filter` begins. It needs no start and no map.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.checks.fit import least_share, settled
+from gridslam.checks.line_of_sight_filter import ANGLE_STD, TOLD_APART, Sight, explain
+from gridslam.checks.rivals import CERTAIN
+from gridslam.checks.unit_hypotheses import Suspicion
+from gridslam.world.columns import Columns
+from gridslam.world.geometry import level_of, unit, wrap
+from gridslam.world.scene import Scene
+
+FIRST, MOST = 6, 3000
+"""Steps whose rows propose poses, and poses at most."""
+LEAST_M, SPREAD_M = 0.1, 0.2
+"""Shortest level distance of a pose from its anchor; how far poses are spread about where a row puts them."""
+
+RIVAL = 25.0
+"""Log likelihood ratio in nats within which another start and another cure are named side by side."""
+UNSEEN = 0.1
+"""Share of lines of sight below which an anchor may be hidden all the time."""
+NEAR_M, NEAR_RAD, LEG_M = 0.3, np.radians(10.0), 0.5
+"""Beyond the prior up to where a start counts as the scene's; way by which a course is told."""
+
+
+def anywhere(table: Columns, scene: Scene, agent: str | None) -> Sight | None:
+    """What lines of sight explain of a table, wherever the agent began; None if nothing tells where.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
+    """
+    starts = proposed_starts(table, scene, agent)
+    return explain(table, scene, agent, starts=starts) if len(starts) else None
+
+
+def proposed_starts(table: Columns, scene: Scene, agent: str | None) -> Array:
+    """Poses (P, 3) in m, m, rad from which a row of the first steps is a line of sight.
+
+    None where distances or all angles are missing. A missing angle may be any.
+    """
+    step = table["step"]
+    steps = np.unique(step)[:FIRST]
+    distance = table.get("distance_m", np.full(len(step), np.nan))
+    rows = np.flatnonzero((step <= steps.max(initial=-1)) & np.isfinite(distance))
+    angles = [table.get(name, np.full(len(step), np.nan))[rows] for name in ("aod_rad", "aoa_rad")]
+    known = np.isfinite(angles[0]) | np.isfinite(angles[1])
+    rows, (leaving, coming) = rows[known], (angle[known] for angle in angles)
+    if not len(rows):
+        return np.zeros((0, 3))
+    draw = np.random.default_rng(1)
+    chosen = np.tile(np.arange(len(rows)), max(MOST // len(rows), 1))[:MOST]
+    rows, leaving, coming = rows[chosen], leaving[chosen], coming[chosen]
+    anchor, count = table["anchor"][rows], len(rows)
+    toward = leaving + scene.anchor_orientations[anchor] + ANGLE_STD * draw.standard_normal(count)
+    toward = np.where(np.isfinite(toward), toward, draw.uniform(-np.pi, np.pi, count))
+    facing = toward + np.pi - coming + ANGLE_STD * draw.standard_normal(count)
+    facing = np.where(np.isfinite(facing), facing, draw.uniform(-np.pi, np.pi, count))
+    height = scene.heights(agent)[anchor]
+    level = np.maximum(level_of(distance[rows], height), LEAST_M)
+    place = scene.anchor_positions[anchor] + level[:, None] * unit(toward)
+    place += SPREAD_M * draw.standard_normal((count, 2))
+    low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
+    within = ((place > low) & (place < high)).all(1)  # reflections would put it behind walls
+    return np.column_stack([place, wrap(facing)])[within]
+
+
+def other_start(
+    table: Columns, scene: Scene, agent: str | None, plain: Sight, best: Sight, behind: float = RIVAL
+) -> tuple[Suspicion | None, Sight] | None:
+    """Another start, the scene's other agents' first, from which a table fits as it stands.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
+    plain, best : Sight
+        What is explained from the scene's start as the table stands, and with the best cure found so far.
+    behind : float
+        Log likelihood ratio in nats by which another start may explain less than that cure.
+
+    Returns
+    -------
+    tuple or None
+        What to say, and what is explained then. Nothing is to be said where the start is the scene's own: the
+        agent had only got lost. None if no start explains nearly as much as that cure, and clearly more than
+        the scene's.
+    """
+    if agent is None:
+        return None
+    needed = max(best.evidence - behind, CERTAIN, plain.evidence + (CERTAIN if best is plain else 0.0))
+    others = [(explain(table, scene, body.name), body.name) for body in scene.agents if body.name != agent]
+    sight = anywhere(table, scene, agent)
+    if sight is not None and (sight.explained < least_share(scene) or sight.evidence <= needed):
+        sight = None
+    least = needed if sight is None else max(needed, sight.evidence - RIVAL)
+    fair = [one for one in others if one[0].explained >= least_share(scene) and one[0].evidence > least]
+    if fair:
+        sight, name = max(fair, key=lambda one: one[0].evidence)
+        text = f"the table of {name}, by where it begins (--agent {name})"
+        sure = sight.evidence > best.evidence + RIVAL
+        return Suspicion(
+            "agent", "agent", text, sure, _reason(table, scene, agent, name, plain, sight)
+        ), sight
+    if sight is None:
+        return None
+    body = scene.agent(agent)
+    gap_m = float(np.linalg.norm(sight.start[:2] - body.start_m))
+    gap_rad = abs(float(wrap(sight.start[2] - np.radians(body.start_heading_deg))))
+    there = gap_m < max(body.prior.position_m, 0.1) * np.sqrt(2) + NEAR_M
+    if there and gap_rad < np.radians(body.prior.heading_deg) + NEAR_RAD:
+        return None, sight
+    text = _words(sight.start, there, body.start_heading_deg)
+    sure = sight.evidence > best.evidence + RIVAL
+    return Suspicion("start", "start", text, sure, _reason(table, scene, agent, None, plain, sight)), sight
+
+
+def goes_ahead(sight: Sight) -> float:
+    """How the agent's first way lies to the heading it began with: 1 ahead, -1 backwards, 0 nobody knows."""
+    way = sight.position_m[TOLD_APART:] - sight.start[:2]  # before that it is the middle of many starts
+    far = np.flatnonzero(np.hypot(*way.T) > LEG_M)
+    if not len(far):
+        return 0.0
+    return float(np.cos(np.arctan2(way[far[0], 1], way[far[0], 0]) - sight.start[2]))
+
+
+def one_in_sight(sight: Sight) -> bool:
+    """Whether at most one anchor is: every pose about it looks alike but for its orientation."""
+    return int((np.nan_to_num(sight.shares) >= UNSEEN).sum()) < 2
+
+
+def _words(start: Array, there: bool, heading_deg: float) -> str:
+    facing = f"{np.degrees(start[2]):.0f} degrees"
+    if there:
+        told = f"start_heading_deg of {heading_deg:g} doesn't fit"
+        return f"{told}: with about {facing} the table does as it stands"
+    place = f"about ({start[0]:.1f}, {start[1]:.1f}) m"
+    return (
+        f"start_m and start_heading_deg don't fit: with a start at {place} and "
+        f"a heading of {facing} the table does as it stands; they are to be those of the table's first step"
+    )
+
+
+def _reason(table: Columns, scene: Scene, agent: str, other: str | None, plain: Sight, sight: Sight) -> str:
+    """Shares from there and from the scene's start, as the table is judged in the end."""
+    after = sight if other is None else settled(table, scene, other)
+    before = settled(table, scene, agent)
+    return (
+        f"line of sight in {max(after.explained, sight.explained):.0%} of {after.scans} scans, "
+        f"{before.explained:.0%} from the start of {agent}; "
+        f"log likelihood ratio {sight.evidence - plain.evidence:.0f}"
+    )

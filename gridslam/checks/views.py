@@ -1,0 +1,33 @@
+"""Which anchors walls leave in sight, all walls at once: the filter of lines of sight asks at every step."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.simulation.occlusion import GRAZE
+from gridslam.world.geometry import Segments
+
+
+def in_view(start: Array, end: Array, walls: Segments) -> NDArray[np.bool_]:
+    """Which legs (..., 2) -> (..., 2) meet no wall strictly inside, as `simulation.occlusion.visible` says.
+
+    Parameters
+    ----------
+    start, end : (..., 2) m
+        They broadcast.
+    """
+    leg = end - start
+    if not len(walls):
+        return np.ones(leg.shape[:-1], dtype=bool)
+    span, away = walls.end - walls.start, walls.start - np.asarray(start)[..., None, :]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = _cross(leg[..., None, :], span)
+        here, along = _cross(away, span) / across, _cross(away, leg[..., None, :]) / across
+        blocked = (here > GRAZE) & (here < 1 - GRAZE) & (along >= 0) & (along <= 1)
+    return np.asarray(~blocked.any(-1))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])

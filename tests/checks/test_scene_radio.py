@@ -1,0 +1,41 @@
+"""A radio that can hardly be meant is named with field and value, before anything is judged by it."""
+
+import pytest
+from check_tables import NAMES, SCENES, simulated_columns
+
+import gridslam as gs
+from gridslam.checks.diagnose import describe
+from gridslam.checks.scene_lines import implausible_radio
+from gridslam.measurements.table import Measurements
+
+
+def with_radio(**fields):
+    data = SCENES["room"].model_dump(exclude_none=True)
+    return gs.Scene.checked({**data, "radio": {**data["radio"], **fields}}, "room")
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"bandwidth_hz": 500.0}, "radio.bandwidth_hz: 500 Hz"),
+        ({"carrier_hz": 6000.0, "bandwidth_hz": 5e8}, "radio.carrier_hz: 6000 Hz"),
+        ({"carrier_hz": 6e9, "bandwidth_hz": 7e9}, "radio.bandwidth_hz: 7e+09 Hz is more than carrier_hz"),
+    ],
+)
+def test_field_and_value_are_named(fields, words):
+    assert any(line.startswith(words) for line in implausible_radio(with_radio(**fields)))
+
+
+def test_radios_of_bundled_scenes_can_be_meant():
+    assert not any(implausible_radio(gs.Scene.load(name)) for name in SCENES)
+
+
+def test_check_says_so_of_scene_and_table(say, tmp_path):
+    scene = with_radio(bandwidth_hz=500.0)
+    (tmp_path / "scene.toml").write_text(scene.to_toml())
+    columns = simulated_columns("room", 1, steps=5)
+    Measurements(**{name: columns[name] for name in NAMES}, anchors=("A", "B")).to_csv(tmp_path / "heard.csv")
+    said = say("check", "scene.toml")
+    assert (said.code, "suspect: radio.bandwidth_hz: 500 Hz" in said.out) == (1, True)
+    (line,) = [one for one in describe(tmp_path / "heard.csv", scene) if one.startswith("suspect")]
+    assert "radio.bandwidth_hz: 500 Hz" in line
