@@ -108,7 +108,9 @@ def _run_in_turn(asked: Asked) -> None:
             progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
             notes = _height_notes(runs)
             if file is not None:
-                notes += _range_notes(world, runs, observations) or _unwell_notes(runs, file, asked.scene)
+                notes += _range_notes(world, runs, observations) or _misfit_notes(
+                    world, runs, observations, file, asked.scene
+                )
             given_files = source([by_name[one.agent] for one in runs if by_name])
             done = Done(runs, observations, scores, given_files, progress, lines=notes)
             finish(folder, place, world, done, stopped, termination)
@@ -235,17 +237,29 @@ def _range_notes(world: Scene, runs: list[Run], observations: list[Observations]
     return [f"note: {agent}: {note}" for agent, note in notes if note]
 
 
-def _unwell_notes(runs: list[Run], file: Path, scene: str) -> list[str]:
-    """Where filters were unwell on measurements that weren't simulated: who looks at these."""
+def _misfit_notes(
+    world: Scene, runs: list[Run], observations: list[Observations], file: Path, scene: str
+) -> list[str]:
+    """Where filters were unwell on measurements that weren't simulated, or no line of sight fits: who looks.
+
+    A filter may be well on exchanged anchors: it maps another world, and is sure of it.
+    """
     import numpy as np
 
-    unwell = [
-        run.agent for run in runs if np.mean([not e.health.ok for e in run.estimates] or [False]) > UNWELL
-    ]
-    if not unwell:
-        return []
+    from gridslam.checks.range_note import fits_scene
+
     asked = shlex.join(["gridslam", "check", str(file), "--scene", scene])
-    return [f"note: {', '.join(unwell)}: whether units, angles and anchors' names fit is told by: {asked}"]
+    notes = []
+    for run, observed in zip(runs, observations, strict=True):
+        unwell = bool(np.mean([not one.health.ok for one in run.estimates] or [False]) > UNWELL)
+        if not unwell:
+            with busy("looking at lines of sight"):
+                unwell = not fits_scene(world, run.agent, observed)
+        if unwell:
+            notes.append(run.agent)
+    if not notes:
+        return []
+    return [f"note: {', '.join(notes)}: whether units, angles and anchors' names fit is told by: {asked}"]
 
 
 def _scores(
