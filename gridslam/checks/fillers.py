@@ -17,6 +17,8 @@ USUAL = (-1.0, 0.0, -99.0, -999.0, -9999.0, 99.0, 999.0, 9999.0, 99999.0, -99999
 """Fillers that are known as such."""
 LEAST_ROWS, LEAST_SHARE = 3, 0.002
 """Rows, and share of a table's, that hold a filler at least."""
+LARGEST = 1e12
+"""Numbers beyond aren't looked at: `check` says anyway that nothing is measured so."""
 OFTENER = 5.0
 """Times as often as the commonest other number of the column that a filler is there: numbers that are rounded
 repeat, too, but all of them do."""
@@ -76,7 +78,7 @@ def fillers(values: Array, positive: bool = False) -> list[float]:
     positive : bool
         Whether what is measured is above 0: then a usual filler below needn't be common.
     """
-    known = values[np.isfinite(values)]
+    known = values[np.abs(values) < LARGEST]
     if not len(known):
         return []
     number, often = np.unique(np.round(known, 9), return_counts=True)

@@ -35,6 +35,9 @@ STRAIGHT_RAD = np.radians(30)
 """Change of course below which a way is straight."""
 MOST_PERMUTED = 4
 """Anchors up to which all orders of their names are tried, not only exchanges of two."""
+HIDDEN, MORE = 0.1, 0.1
+"""Share of its scans below which an anchor may be hidden, in a scene without walls; and share of all scans
+that its turn must explain more then: some turn fits what a wall reflects."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +158,9 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
     (sight, turns, read), *others = sorted(ways.values(), key=lambda one: -one[0].evidence)
     gain = sight.evidence - plain.evidence
     if gain < CERTAIN or sight.evidence < needed:
+        return None
+    unseen = all(plain.shares[turn.anchor] < HIDDEN for turn in turns)
+    if unseen and not scene.walls and sight.explained < plain.explained + MORE:
         return None
     text = "; or ".join(words(one, scene) for one in (turns, *(more for _, more, _ in others)))
     reason = (

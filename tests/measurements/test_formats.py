@@ -97,7 +97,7 @@ ROW = "0,0.0,A,1.0,0.5,0.5,3.0"
         (HEADER, "", "no rows"),
         (HEADER.replace("aoa_rad", "aoa_grad") + f"\n{ROW}", ": line 1", "aoa_rad"),
         (HEADER + ",aoa_deg\n" + ROW + ",0", ": line 1", "columns 'aoa_rad' and 'aoa_deg'"),
-        (HEADER.replace("aoa_rad", "aoa_deg") + "\n0,0,A,1,0,361,3", ": line 2: aoa_rad", "radians"),
+        (HEADER.replace("aoa_rad", "aoa_deg") + "\n0,0,A,1,0,361,3", ": line 2: aoa_deg", "degrees, 360"),
         (f"{HEADER}\n0,nan,A,1,0,0,3", ": line 2: time_s", "finite number"),
         (HEADER.replace("time_s,", "") + "\n0,A,1,0,0,3", ": line 1", "no column 'time_s'"),
         ("step,time_s,anchor,aoa_std_rad\n0,0,A,1", ": line 1", "no measured column"),
