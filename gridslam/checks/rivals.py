@@ -13,7 +13,7 @@ from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
-from gridslam.checks.turned_anchors import Turn, nearly, turned_tables, words
+from gridslam.checks.turned_anchors import Turn, by_chance, nearly, turned_tables, words
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
 from gridslam.world.columns import Columns
 from gridslam.world.network_scene import clock_model
@@ -35,9 +35,6 @@ STRAIGHT_RAD = np.radians(30)
 """Change of course below which a way is straight."""
 MOST_PERMUTED = 4
 """Anchors up to which all orders of their names are tried, not only exchanges of two."""
-HIDDEN, MORE = 0.1, 0.1
-"""Share of its scans below which an anchor may be hidden, in a scene without walls; and share of all scans
-that its turn must explain more then: some turn fits what a wall reflects."""
 
 
 @dataclass(frozen=True)
@@ -157,10 +154,7 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
             ways[key] = one
     (sight, turns, read), *others = sorted(ways.values(), key=lambda one: -one[0].evidence)
     gain = sight.evidence - plain.evidence
-    if gain < CERTAIN or sight.evidence < needed:
-        return None
-    unseen = all(plain.shares[turn.anchor] < HIDDEN for turn in turns)
-    if unseen and not scene.walls and sight.explained < plain.explained + MORE:
+    if gain < CERTAIN or sight.evidence < needed or by_chance(turns, plain, sight, scene):
         return None
     text = "; or ".join(words(one, scene) for one in (turns, *(more for _, more, _ in others)))
     reason = (

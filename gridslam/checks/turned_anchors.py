@@ -28,6 +28,9 @@ NEAR_RAD = np.radians(12.0)
 """Angles count for a turn if they are nearer to it than this."""
 AGREEING = 0.6
 """Share of an anchor's lines of sight that must."""
+HIDDEN, MORE = 0.1, 0.1
+"""Share of its scans below which an anchor may be hidden, in a scene without walls; and share of all scans
+that its turn must explain more then."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,18 @@ def cured(table: Columns, turns: tuple[Turn, ...]) -> Columns:
         raw = -angle[own] if one.mirrored else angle[own]
         angle[own] = wrap(raw + one.turn_rad)
     return table | {"aod_rad": angle}
+
+
+def by_chance(turns: tuple[Turn, ...], plain: Sight, sight: Sight, scene: Scene) -> bool:
+    """Whether anchors may be hidden, and turns explain little more: some turn fits what a wall reflects.
+
+    Parameters
+    ----------
+    plain, sight : Sight
+        What is explained without the turns, and with them.
+    """
+    unseen = all(plain.shares[turn.anchor] < HIDDEN for turn in turns)
+    return unseen and not scene.walls and sight.explained < plain.explained + MORE
 
 
 def nearly(turns: tuple[Turn, ...], others: tuple[Turn, ...]) -> bool:
