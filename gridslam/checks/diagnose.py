@@ -19,12 +19,13 @@ from gridslam.checks.against_scene import against_scene
 from gridslam.checks.fillers import padding
 from gridslam.checks.scene_lines import implausible_radio
 from gridslam.checks.unit_hypotheses import Suspicion, absurd, finite
-from gridslam.checks.verdict import verdict
+from gridslam.checks.verdict import UNSURE, verdict
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.table import Measurements
 from gridslam.wording import counted
 from gridslam.world.columns import ELEVATIONS, OPTIONAL, VALUES, Columns
+from gridslam.world.network_scene import clock_model
 from gridslam.world.scene import Scene
 
 
@@ -45,6 +46,10 @@ def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = Non
         whole = hdf5_table.read_h5(path, checked=False)
         names = ("step", "time_s", "anchor", *VALUES, *OPTIONAL)
         return {name: whole[name] for name in names if name in whole}, tuple(whole["anchors"])
+
+
+TOLD_APART_M = 3.0
+"""Offset of clocks up to which lines of sight are still told by their lengths."""
 
 
 def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: str | None = None) -> list[str]:
@@ -74,20 +79,33 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     lines = summary(columns, names)
     degrees = csv_table.columns_in_degrees(path) if Path(path).suffix.lower() == ".csv" else None
     odd = implausible_radio(scene) if scene is not None else []
-    # by a radio that can't be meant nothing else is told
-    found = suspicions(columns, names, None if odd else scene, agent, degrees)
+    offset_m = offset_allowed_m(scene, agent) if scene is not None else 0.0
+    loose = offset_m > TOLD_APART_M
+    # by a radio that can't be meant, or clocks that may be off by so much, nothing else is told
+    found = suspicions(columns, names, None if odd or loose else scene, agent, degrees)
     lines += elevations.remarks(columns, scene, agent) if scene is not None else []
     lines += [f"suspect: {item}" for item in [*odd, *found]]
     try:
-        if Measurements.load(path).truth is not None:
+        if Measurements.load(path, pseudo=offset_m > 0).truth is not None:
             lines[0] += ", true track known"
     except InputError as error:
         lines.append(f"refused: {error}")
-    if scene is not None and not found and not odd:
+    if loose:
+        lines.append(
+            f"{UNSURE}distances hold offsets of the scene's clocks, up to {offset_m:.0f} m, so that lines of "
+            "sight aren't judged; in a file with a column agent they are, by angles"
+        )
+    elif scene is not None and not found and not odd:
         place = _anchors(names, scene)
         who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
         lines.append(verdict(columns, place, scene, who))
     return lines
+
+
+def offset_allowed_m(scene: Scene, agent: str | None) -> float:
+    """By how much distances may be off by the scene's clocks as little as it knows of them, m."""
+    whose = [agent] if agent is not None else [body.name for body in scene.agents[:1]]
+    return float(clock_model(scene, whose).half_width_m.max(initial=0.0)) if scene.clocks is not None else 0.0
 
 
 def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:

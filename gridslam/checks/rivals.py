@@ -345,4 +345,5 @@ def _names(order: tuple[int, ...], scene: Scene, sight: Sight, plain: Sight) -> 
         f"log likelihood ratio {sight.evidence - plain.evidence:.0f}"
     )
     gain = sight.evidence - plain.evidence
-    return Suspicion("anchor", "names", f"names exchanged: {', '.join(moved)}", gain > CERTAIN, reason)
+    text = f"names exchanged: {', '.join(moved)}; or the table is another scene's"
+    return Suspicion("anchor", "names", text, gain > CERTAIN, reason)

@@ -103,11 +103,15 @@ class Asked(RunOptions):
         Raises
         ------
         InputError
-            One of the other kind, both kinds, or several that don't say whose they are.
+            One of the other kind, both kinds, several that don't say whose they are, or no scene for them.
         """
         signals = [named_file(item) for item in self.signal or ()]
         first = signals[0][1] if signals else None
         require_kind(self.measurements, first, takes, self.method)
+        scene = self.context.get_parameter_source("scene")
+        if (self.measurements or first) and scene is not None and scene.name == "DEFAULT":
+            given = f"none, with {self.measurements or first}"
+            raise InputError("SCENE", given, "the scene in which this was heard: a bundled name or a file")
         if self.measurements is not None:
             return {None: self.measurements}
         found = dict[str | None, Path]()

@@ -75,7 +75,11 @@ def check(
         if not line.startswith("refused: "):
             _say(line)
     if not several:
-        (Recording if samples else Measurements).load(file)  # a fault is told as that of every file
+        # a fault is told as that of every file
+        if samples:
+            Recording.load(file)
+        else:
+            Measurements.load(file, pseudo=world is not None and world.clocks is not None)
     if any(line.startswith(("suspect: ", UNSURE)) for line in lines):
         raise typer.Exit(1)
 

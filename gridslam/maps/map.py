@@ -117,7 +117,8 @@ class Map(MapCells):
     def to_nav2(self, directory: str | os.PathLike[str], raw: bool = False) -> None:
         """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`map_files`).
 
-        Walls that were found are drawn in and nothing is free behind them, unless `raw`: the cells alone.
+        Walls that were found are drawn in, and bands and specks of free cells behind them are unknown, unless
+        `raw`: the cells alone.
         """
         map_files.write_nav2(self, directory, None if raw else self._walls)
 

@@ -208,8 +208,8 @@ def _rows(path: Path) -> Iterator[Any]:
         line = reader.line_num if reader is not None else 1
         raise InputError(f"{path}: line {line}", str(error), "a CSV row") from error
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "bytes that aren't text"
-        raise InputError(str(path), reason, "a CSV file of measurements") from error
+        reason = (getattr(error, "strerror", None) or "bytes that aren't text").lower()
+        raise InputError(str(path), reason, "a file of measurements: CSV, MATLAB (.mat) or HDF5") from error
 
 
 def _delimiter(header: str) -> str:

@@ -35,7 +35,9 @@ def scene_text(name_or_path: str | os.PathLike[str]) -> tuple[str, str]:
     try:
         return path.read_text(encoding="utf-8"), str(path)
     except OSError as error:
-        raise InputError(str(path), error.strerror or str(error), "a scene file that can be read") from error
+        raise InputError(
+            str(path), (error.strerror or str(error)).lower(), "a scene file that can be read"
+        ) from error
     except UnicodeDecodeError as error:
         raise InputError(str(path), f"byte {error.start} isn't UTF-8", "TOML text in UTF-8") from error
 

@@ -5,6 +5,7 @@ from itertools import cycle
 import numpy as np
 import pytest
 
+import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
 from gridslam.checks.line_of_sight_filter import explain, turning_rad
 from gridslam.errors import InputError
@@ -201,3 +202,12 @@ def test_sight_follows_the_agent(tables):
 def test_empty_table_is_described():
     empty = Measurements.from_arrays({"A": [[], []], "B": [[], []]})
     assert suspicions(columns(empty), ("A", "B"), SCENES["room"]) == []
+
+
+@pytest.mark.slow
+def test_a_table_of_unknown_clocks_is_not_judged_and_not_refused(tmp_path):
+    scene = gs.Scene.load("exchange")
+    gs.simulate(scene, "agent1", 1).to_csv(tmp_path / "heard.csv")
+    said = describe(tmp_path / "heard.csv", scene, "agent1")
+    assert said[-1].startswith("unsure: distances hold offsets of the scene's clocks, up to 33 m")
+    assert not [line for line in said if line.startswith(("suspect", "refused"))]

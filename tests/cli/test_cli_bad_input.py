@@ -161,6 +161,7 @@ FILE_FAULTS = [
     (("run", "room", "--measurements", "missing.csv"), "missing.csv"),
     (("run", "room", "--measurements", "moved.h5"), "anchor 'B' at [2.0, -2.0] m"),
     (("run", "canyon", "--measurements", "heard.h5"), "A, B, C"),
+    (("run", "--measurements", "heard.h5"), "SCENE: found none, with heard.h5"),
     (("run", "room", "--measurements", "heard.h5", "--truth", "track.tum"), "0 to 3 s"),
     (("run", "room", "--measurements", "heard.h5", "--truth", "broken.tum"), "line 1"),
     (("run", "room", "--measurements", "heard.h5", "--truth", "missing.tum"), "missing.tum"),
