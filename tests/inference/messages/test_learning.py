@@ -23,6 +23,7 @@ from gridslam.inference.messages.features.rivals import (
     PRICES,
     REACH,
     SEEN,
+    SHIFTED,
     Lesson,
     best_of,
     usual_prices,
@@ -33,6 +34,7 @@ from gridslam.inference.messages.features.seeding import (
     NONE_M,
     SCATTERED,
 )
+from gridslam.inference.messages.features.settling import beginning
 from gridslam.inference.messages.features.ways import BESIDE_STD, STARTS, drifted, moved_starts
 from gridslam.inference.state.features.features import MOVING, entries, places
 
@@ -300,3 +302,43 @@ def test_a_richer_set_has_until_the_end_to_earn_what_its_features_cost(monkeypat
     assert given_up(-0.9 * HOPELESS / 5, 0.0, 5 * HOPELESS, 0.0, monkeypatch) is None
     assert given_up(-1.1 * HOPELESS / 5, 0.0, 5 * HOPELESS, 0.0, monkeypatch) == 4
     assert given_up(-1.1 * HOPELESS / 5, 0.0, 0.0, HOPELESS, monkeypatch) is None, "what it saves counts"
+
+
+@pytest.mark.parametrize(
+    ("crowd", "gain", "placed", "moves"),
+    [
+        (True, 0.9 * SHIFTED, False, False),
+        (True, 1.1 * SHIFTED, False, True),
+        (True, 0.0, True, True),
+        (False, 1.0, False, True),
+        (False, -1.0, False, False),
+    ],
+)
+def test_a_crowd_is_shifted_as_a_whole_for_much_evidence_or_a_line_of_sight(
+    monkeypatch, crowd, gain, placed, moves
+):
+    state, model = state_after([], [], 0)
+    lesson = lesson_of(state, model)
+    plain = lesson.judge(lesson.before, state.segment)
+    found = plain._replace(joint=replace(plain.joint, extent=float(crowd)), placed=False)
+    moved = found._replace(score=found.score + gain, placed=placed)
+    shifts = iter([np.array([1.0, 0.0])])
+    monkeypatch.setattr(Lesson, "climb", lambda self, rival, segment, price: rival)
+    monkeypatch.setattr(Lesson, "shift", lambda self, rival: next(shifts, None))
+    monkeypatch.setattr(Lesson, "rivals", lambda self, *asked, **more: [moved])
+    assert (lesson.best([found], [state.segment], PRICES[0]) is moved) == moves
+
+
+def test_features_of_the_first_step_have_the_extent_of_a_crowd_where_ten_steps_show_one(monkeypatch):
+    state, model = state_after([], [], 0)
+    plain = lesson_of(state, model).judge(state.before, state.segment)
+    asked = []
+
+    def rivals_of(lesson, segment, after, prices, taught=None):
+        asked.append((lesson.before.extent, taught is None or len(taught)))
+        return [plain._replace(joint=replace(plain.joint, extent=CROWD_EXTENT_M))]
+
+    monkeypatch.setattr(Lesson, "rivals", rivals_of)
+    monkeypatch.setattr(Lesson, "best", lambda self, sets, ways, price: sets[0])
+    beginning(state, state.segment, Front(model.waveform), model)
+    assert asked == [(0.0, True), (CROWD_EXTENT_M, 1)]
