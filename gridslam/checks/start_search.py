@@ -12,6 +12,7 @@ from gridslam.arrays import Array
 from gridslam.checks.fit import least_share, settled
 from gridslam.checks.line_of_sight_filter import ANGLE_STD, TOLD_APART, Sight, explain
 from gridslam.checks.rivals import CERTAIN
+from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
 from gridslam.world.geometry import level_of, unit, wrap
@@ -24,8 +25,6 @@ LEAST_M, SPREAD_M = 0.1, 0.2
 
 RIVAL = 25.0
 """Log likelihood ratio in nats within which another start and another cure are named side by side."""
-UNSEEN = 0.1
-"""Share of lines of sight below which an anchor may be hidden all the time."""
 NEAR_M, NEAR_RAD, LEG_M = 0.3, np.radians(10.0), 0.5
 """Beyond the prior up to where a start counts as the scene's; way by which a course is told."""
 

@@ -28,9 +28,9 @@ NEAR_RAD = np.radians(12.0)
 """Angles count for a turn if they are nearer to it than this."""
 AGREEING = 0.6
 """Share of an anchor's lines of sight that must."""
-HIDDEN, MORE = 0.1, 0.1
-"""Share of its scans below which an anchor may be hidden, in a scene without walls; and share of all scans
-that its turn must explain more then."""
+UNSEEN, MORE = 0.1, 0.1
+"""Share of lines of sight below which an anchor may be hidden all the time; and share of all scans that its
+turn must explain more then, in a scene without walls."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def by_chance(turns: tuple[Turn, ...], plain: Sight, sight: Sight, scene: Scene)
     plain, sight : Sight
         What is explained without the turns, and with them.
     """
-    unseen = all(plain.shares[turn.anchor] < HIDDEN for turn in turns)
+    unseen = all(plain.shares[turn.anchor] < UNSEEN for turn in turns)
     return unseen and not scene.walls and sight.explained < plain.explained + MORE
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gridslam.checks.fit import BLIND, FITTING, settled
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
-from gridslam.checks.start_search import UNSEEN
+from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
