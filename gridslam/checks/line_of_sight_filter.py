@@ -84,6 +84,7 @@ def explain(
     thorough: bool = False,
     starts: Array | None = None,
     steps: int = STEPS,
+    crowd: int | None = None,
 ) -> Sight:
     """Follow the agent by line of sight alone over the first steps.
 
@@ -107,9 +108,12 @@ def explain(
         Poses to begin with, instead of those about the scene's start.
     steps : int
         How many of the table's steps, from its first, the agent is followed over.
+    crowd : int, optional
+        Times as many particles as usual (default: 1, or `CROWD` with an error). More find more
+        evidence by themselves: only equal numbers can be compared.
     """
     draw = np.random.default_rng(0)
-    position, heading, pace = _start(scene, agent, draw, 1 if error is None else CROWD)
+    position, heading, pace = _start(scene, agent, draw, crowd or (1 if error is None else CROWD))
     if starts is not None:
         position, heading = starts[:, :2], starts[:, 2]
         pace = _paces(scene.agent(agent).step_m if agent is not None else 0.1, len(starts))

@@ -29,6 +29,8 @@ ALIKE = 0.95
 """Share of what a cure explains from which on another one explains as much."""
 MOST_BEHIND = 60.0
 """Log likelihood ratio in nats up to which an offset is told of behind another reading."""
+FAIR_CROWD = 16
+"""Times as many particles as usual that an offset alone is judged by: with fewer, luck is worth 30 nats."""
 MOST_MISFIT = 4.0
 """Misfit per degree of freedom above which even the best error in the distances explains nothing."""
 STRAIGHT_RAD = np.radians(30)
@@ -264,17 +266,15 @@ def offset_beside(
     if abs(rival.size_m) < error.least_m:
         return found
     free = explain(read, scene, agent, error=error)  # to be fair: what an offset gains on the reading, too
-    gain = rival.evidence - max(
-        sight.evidence, free.evidence if free.explained >= least_share(scene) else -np.inf
-    )
+    freed = free.evidence if free.explained >= least_share(scene) else -np.inf
+    gain = rival.evidence - max(sight.evidence, freed)
     if gain < -MOST_BEHIND:
         return found
-    more = "more" if gain > CLEAR else "as much" if gain > -CLEAR else "less"
+    more = "more than" if gain > CLEAR else "as much as" if gain > -CLEAR else "less than"
     reason = (
-        f"line of sight in {rival.explained:.0%} of {rival.scans} scans: {more} than what else is suspected "
+        f"line of sight in {rival.explained:.0%} of {rival.scans} scans: {more} what else is suspected "
         f"(log likelihood ratio {gain:.0f}); one anchor at a time can't tell them apart"
     )
-    reason = reason.replace("much than", "much as")
     own = Suspicion("distance_m", "offset", _words(error, rival.size_m, scene), False, reason)
     others = [replace(item, certain=False) for item in found]
     if gain > CERTAIN:  # another reading of the distances is worse by far
@@ -288,8 +288,10 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
     Least squares need several anchors at once; the way that the agent goes from its start tells, too.
     """
     error = RangeError("offset", tuple(range(len(scene.anchors))))
-    moved = explain(table, scene, agent, error=error)
-    gain = moved.evidence - sight.evidence
+    if explain(table, scene, agent, error=error).evidence < sight.evidence + CERTAIN:
+        return None
+    moved, still = (explain(table, scene, agent, error=one, crowd=FAIR_CROWD) for one in (error, None))
+    gain = moved.evidence - still.evidence
     if moved.explained < least_share(scene) or gain < CERTAIN or abs(moved.size_m) < error.least_m:
         return None
     if _allowed_for(error, moved.size_m, scene, agent):
@@ -309,9 +311,8 @@ def both_measured(table: Columns) -> bool:
 
 
 def _words(error: RangeError, size: float, scene: Scene) -> str:
-    every = len(error.anchors) == len(scene.anchors)
     names = ", ".join(scene.anchor_names[number] for number in error.anchors)
-    whose = "of all anchors" if every else f"of anchor {names}"
+    whose = "of all anchors" if len(error.anchors) == len(scene.anchors) else f"of anchor {names}"
     if error.kind == "slant":
         wrong = "other heights than the scene's" if scene.has_heights else "the scene has no heights"
         return (

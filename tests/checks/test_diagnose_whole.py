@@ -253,6 +253,13 @@ def test_where_one_anchor_is_in_sight_an_offset_stands_beside_other_cures_and_no
     assert not any(item.certain for item in found)
 
 
+def test_a_right_table_with_one_anchor_in_sight_is_given_no_offset():
+    """Hall, all of it: an offset is tried with more particles, and more find more by themselves."""
+    scene = SCENES["hall"]
+    table = gs.simulate(scene, "agent1", 0)
+    assert suspicions({key: np.array(getattr(table, key)) for key in NAMES}, table.anchors, scene) == []
+
+
 @cache
 def two_rooms():
     """A flat of two rooms with an anchor in each: for half of the way one of them is hidden."""
