@@ -7,7 +7,7 @@ to it was hit or is more likely occupied than before; and it is unknown else.
 
 What is wall comes in pieces. Two of them are one wall if the gap between them is short, both in all and where
 it is open, and neither piece is much shorter than the gap: one measurement that is off by metres puts a hit
-far beyond a wall's end, and mustn't draw the wall as far.
+far beyond a wall's end, and mustn't draw the wall as far. Nor is a piece of half a cell, alone, drawn there.
 """
 
 from __future__ import annotations
@@ -112,12 +112,16 @@ def _stretches(
         return []
     low, high = np.clip([low, high], *nearby)  # maps of others may claim any extent
     edge = np.linspace(low, high, max(1, int(np.ceil((high - low) / (0.5 * grid.cell_m)))) + 1)
-    state, sure = _states(grid, hits, line, cov, 0.5 * (edge[1:] + edge[:-1]))
+    state, sure, evidence = _states(grid, hits, line, cov, 0.5 * (edge[1:] + edge[:-1]))
     if not (state == WALL).any():  # nothing to go by but what is open
         state, sure = np.where(state == UNKNOWN, WALL, state), state == UNKNOWN
     first, last = _joined(state, edge)
-    pieces = zip(first, last, strict=True)
-    return [(float(edge[a]), float(edge[b])) for a, b in pieces if sure[a:b].any()]
+    pieces = [(a, b) for a, b in zip(first, last, strict=True) if sure[a:b].any()]
+    # half a cell alone is a stray hit at the end of the extent: no wall where more of it is known
+    lasting = [(a, b) for a, b in pieces if b - a > 1]
+    if pieces and not lasting:
+        lasting = [max(pieces, key=lambda piece: float(evidence[slice(*piece)].max()))]
+    return [(float(edge[a]), float(edge[b])) for a, b in lasting]
 
 
 def _joined(state: NDArray[np.int64], edge: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -148,8 +152,8 @@ def _joined(state: NDArray[np.int64], edge: Array) -> tuple[NDArray[np.intp], ND
 
 def _states(
     grid: MapCells, hits: NDArray, line: Array, cov: Array, along: Array
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """OPEN, WALL or UNKNOWN at places (N,) along a line, and whether a wall there is beyond doubt."""
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], Array]:
+    """OPEN, WALL or UNKNOWN at places (N,) along a line, whether a wall is sure there, and the evidence."""
     normal, tangent = unit(line[0]), unit(line[0] + 0.5 * np.pi)
     jacobian = np.stack([-along, np.ones_like(along)], axis=-1)  # of the place across the line
     spread = 2 * np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", jacobian, cov, jacobian), 0))
@@ -166,7 +170,7 @@ def _states(
     solid = most > WALL_NAT
     is_wall = (hit > HIT_NAT) | solid
     state = np.where(most < OPEN_NAT, OPEN, np.where(is_wall, WALL, UNKNOWN))
-    return state, ((hit > SURE_HIT_NAT) & (most >= 0)) | solid
+    return state, ((hit > SURE_HIT_NAT) & (most >= 0)) | solid, most
 
 
 def _runs(values: NDArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

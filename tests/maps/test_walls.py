@@ -324,3 +324,10 @@ def test_figure_draws_the_stretches():
     map_figure.surfaces(axes, grid)
     drawn = np.array(axes.collections[0].get_segments())
     np.testing.assert_allclose(np.sort(drawn[:, :, 0].ravel()), [0, 4, 7, 12], atol=0.11)
+
+
+@pytest.mark.parametrize(("wall_m", "found"), [(6.0, [0.0, 6.0]), (0.0, [10.0, 10.05])])
+def test_half_a_cell_at_the_end_of_the_extent_is_drawn_only_if_nothing_else_is(wall_m, found):
+    """As beside a pillar of `hall`, where a stray hit 20 cm beyond the corner was a stub of 5 cm."""
+    grid = changed(street(extent=(0.0, 10.05)), (wall_m, 10.0), (1.7, 2.4), CLEAR, hits=0.0)
+    np.testing.assert_allclose(stretches(grid), [found], atol=0.06)
