@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gridslam.checks.diagnose import suspicions
 from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.line_of_sight_filter import explain
 from gridslam.checks.rivals import CERTAIN, both_measured, orders, range_cure, range_errors
@@ -55,6 +56,14 @@ def fits_scene(scene: Scene, agent: str, observations: Observations) -> bool:
         return False
     renamed = (table | {"anchor": np.array(order)[table["anchor"]]} for order in orders(len(scene.anchors)))
     return all(explain(one, scene, agent).evidence < sight.evidence + CERTAIN for one in renamed)
+
+
+def misfits(scene: Scene, agent: str, observations: Observations) -> list[str]:
+    """What `gridslam check` suspects of a table against the scene, most of it that explains a misfit."""
+    if not isinstance(observations, Measurements) or observations.unlabelled or scene.clocks is not None:
+        return []
+    columns = {name: np.asarray(values) for name, values in observations.columns.items()}
+    return [str(item) for item in suspicions(columns, observations.anchors, scene, agent)]
 
 
 def _table(scene: Scene, observations: Observations) -> Columns | None:

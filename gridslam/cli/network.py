@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from gridslam.cli.doubts import truth_notes
 from gridslam.cli.observed import hints, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
@@ -17,6 +18,7 @@ from gridslam.systems.registry import method_class
 if TYPE_CHECKING:
     from gridslam.cli.asked import Asked
     from gridslam.measurements.network import NetworkMeasurements
+    from gridslam.measurements.observations import Observations
     from gridslam.runs.network_run import NetworkRun
     from gridslam.simulation.network import NetworkTruth
     from gridslam.world.scene import Scene
@@ -92,10 +94,15 @@ def run_network(asked: Asked) -> None:
                 scores, whole, stopped = [run.score() for run in done.runs.values()], done.score(), True
             runs = list(done.runs.values())
             given = source([] if file is None else [file])
+            observed: list[Observations] = [measurements[run.agent] for run in runs]
+            notes = [] if file is None else truth_notes(world, runs, observed)
+            more = {"network": whole, "notes": [line.removeprefix("note: ") for line in notes]}
+            if file is not None:  # nobody knows how exact it is
+                more["start"] = "scene"
             end = Done(
-                runs, [measurements[run.agent] for run in runs], scores, given | {"network": whole},
+                runs, observed, scores, given | more,
                 f"{len(done.clocks.step)} of {len(measurements)} steps",
-                clock_files(done.clocks, measurements.clocks), _lines(whole),
+                clock_files(done.clocks, measurements.clocks), [*_lines(whole), *notes],
             )  # fmt: skip
             finish(folder, place, world, end, stopped, termination)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.console import Console
 
 from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
+from gridslam.cli.doubts import fit_notes
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     hints,
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
 err = Console(stderr=True)
-UNWELL = 0.1
-"""Share of the steps from which on measurements, which weren't simulated, are doubted."""
 
 
 def run(context: typer.Context, options: RunOptions) -> None:
@@ -108,11 +106,12 @@ def _run_in_turn(asked: Asked) -> None:
             progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
             notes = _height_notes(runs)
             if file is not None:
-                notes += _range_notes(world, runs, observations) or _misfit_notes(
-                    world, runs, observations, file, asked.scene
-                )
+                notes += fit_notes(world, runs, observations, file, asked.scene)
             given_files = source([by_name[one.agent] for one in runs if by_name])
-            done = Done(runs, observations, scores, given_files, progress, lines=notes)
+            settings = given_files | {"notes": [line.removeprefix("note: ") for line in notes]}
+            if file is not None:  # nobody knows how exact it is
+                settings["start"] = "scene"
+            done = Done(runs, observations, scores, settings, progress, lines=notes)
             finish(folder, place, world, done, stopped, termination)
 
 
@@ -224,42 +223,6 @@ def _height_notes(runs: list[Run]) -> list[str]:
         for done in runs
         for name, (height, std) in (done.estimates[-1].heights if done.estimates else {}).items()
     ]
-
-
-def _range_notes(world: Scene, runs: list[Run], observations: list[Observations]) -> list[str]:
-    """What measurements that weren't simulated show of their distances: clocks, or heights."""
-    from gridslam.checks.range_note import range_note
-
-    with busy("looking at the distances"):
-        notes = [
-            (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
-        ]
-    return [f"note: {agent}: {note}" for agent, note in notes if note]
-
-
-def _misfit_notes(
-    world: Scene, runs: list[Run], observations: list[Observations], file: Path, scene: str
-) -> list[str]:
-    """Where filters were unwell on measurements that weren't simulated, or no line of sight fits: who looks.
-
-    A filter may be well on exchanged anchors: it maps another world, and is sure of it.
-    """
-    import numpy as np
-
-    from gridslam.checks.range_note import fits_scene
-
-    asked = shlex.join(["gridslam", "check", str(file), "--scene", scene])
-    notes = []
-    for run, observed in zip(runs, observations, strict=True):
-        unwell = bool(np.mean([not one.health.ok for one in run.estimates] or [False]) > UNWELL)
-        if not unwell:
-            with busy("looking at lines of sight"):
-                unwell = not fits_scene(world, run.agent, observed)
-        if unwell:
-            notes.append(run.agent)
-    if not notes:
-        return []
-    return [f"note: {', '.join(notes)}: whether units, angles and anchors' names fit is told by: {asked}"]
 
 
 def _scores(

@@ -264,6 +264,7 @@ def _fill(
         "particles": particles_of(last.method, last.scene.filter.particles),
         "device": last.device,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "notes": [],
         **settings,
         "agents": agents,
     }

@@ -145,7 +145,10 @@ def _head(run: RunFiles) -> str:
         f"device {summary.get('device', '?')}",
     ]
     about = f"<p>{escape(scene.description)}</p>" if scene.description else ""
-    return f"<h1>{escape(scene.name)}</h1>{about}\n<p>{escape(', '.join(facts))}</p>"
+    notes = "".join(
+        f"<p><strong>Note:</strong> {escape(str(note))}</p>" for note in summary.get("notes") or ()
+    )
+    return f"<h1>{escape(scene.name)}</h1>{about}\n<p>{escape(', '.join(facts))}</p>{notes}"
 
 
 def _scores(agents: Mapping[str, Any]) -> str:

@@ -173,14 +173,27 @@ def test_figures_are_drawn_in_other_formats_and_widths(say):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
-def test_distances_of_clocks_that_are_off_are_named_below_the_table_of_a_run(say):
+def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say):
     scene = shortened(gs.Scene.load("room"), 60).with_filter(particles=64)
     measurements = gs.simulate(scene, "agent1", 12)
     Path("room.toml").write_text(scene.to_toml())
+    measurements.truth.to_tum("true.tum")
+    files = ("--measurements", "heard.csv", "--truth", "true.tum")
+    run = ("run", "room.toml", *files, "-o", "out", "--overwrite")
+    replace(measurements, anchor=1 - measurements.anchor).to_csv("heard.csv")
+    result = say(*run)
+    names = "anchor: probably names exchanged: A is the scene's B, B is the scene's A"
+    assert f"note: agent1: suspect: {names}" in result.out
+    assert "note: agent1: what was heard doesn't fit the true track: " in result.out
+    notes = json.loads(Path("out/run.json").read_text())["notes"]
+    assert [f"note: {line}" in result.out for line in notes] == [True] * 4, (
+        "another start fits as well, and who looks"
+    )
     for metres, times in ((0.0, 0), (1.5, 1)):
         replace(measurements, distance_m=measurements.distance_m + metres).to_csv("heard.csv")
-        result = say("run", "room.toml", "--measurements", "heard.csv", "-o", "out", "--overwrite")
+        result = say(*run)
         assert result.code == 0
+        assert "true track" not in result.out, "an offset is the scene's clocks', not the track's"
         named = re.findall(
             r"note: agent1: distances of all anchors are 1\.[45]\d m .* too long.*", result.out
         )

@@ -138,7 +138,7 @@ def test_a_run_says_which_start_was_told(file, tmp_path, no_figures, monkeypatch
         "drawn",
         "drawn",
         "exact",
-        "exact",
+        "scene",
     ]
     start = assumed_start(gs.Scene.load(file), "agent1", summaries["default"]["seed"])
     pose = {"position_m": start.position_m.tolist(), "heading_deg": np.degrees(start.heading_rad)}

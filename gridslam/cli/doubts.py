@@ -1,0 +1,83 @@
+"""Command line: what `run` says of recorded measurements that fit scene or truth badly."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gridslam.cli.run_end import busy
+
+if TYPE_CHECKING:
+    from gridslam.measurements.observations import Observations
+    from gridslam.runs.run import Run
+    from gridslam.world.scene import Scene
+
+UNWELL = 0.1
+"""Share of the steps from which on measurements, which weren't simulated, are doubted."""
+
+
+def fit_notes(
+    world: Scene, runs: Sequence[Run], observations: Sequence[Observations], file: Path, scene: str
+) -> list[str]:
+    """What is wrong with the distances, else with the fit; and a true track that isn't of what was heard.
+
+    Parameters
+    ----------
+    file : Path
+        The measurements of the first agent.
+    scene : str
+        The scene as it was asked for.
+    """
+    notes = _range_notes(world, runs, observations)
+    if notes:  # such distances fit no true track either
+        return notes
+    return [*_misfit_notes(world, runs, observations, file, scene), *truth_notes(world, runs, observations)]
+
+
+def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
+    """What they show of their distances: clocks, or heights."""
+    from gridslam.checks.range_note import range_note
+
+    with busy("looking at the distances"):
+        notes = [
+            (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
+        ]
+    return [f"note: {agent}: {note}" for agent, note in notes if note]
+
+
+def _misfit_notes(
+    world: Scene, runs: Sequence[Run], observations: Sequence[Observations], file: Path, scene: str
+) -> list[str]:
+    """Where filters were unwell, or no line of sight fits: what `check` suspects, and who looks.
+
+    A filter may be well on exchanged anchors: it maps another world, and is sure of it.
+    """
+    import numpy as np
+
+    from gridslam.checks.range_note import fits_scene, misfits
+
+    asked = shlex.join(["gridslam", "check", str(file), "--scene", scene])
+    doubted, notes = [], []
+    for run, observed in zip(runs, observations, strict=True):
+        unwell = bool(np.mean([not one.health.ok for one in run.estimates] or [False]) > UNWELL)
+        with busy("looking at lines of sight"):
+            if unwell or not fits_scene(world, run.agent, observed):
+                doubted.append(run.agent)
+                notes += [
+                    f"note: {run.agent}: suspect: {line}" for line in misfits(world, run.agent, observed)
+                ]
+    if doubted:
+        whole = f"{', '.join(doubted)}: whether units, angles and anchors' names fit is told by: {asked}"
+        notes.append(f"note: {whole}")
+    return notes
+
+
+def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
+    """Where the errors of the table are those of another track."""
+    from gridslam.checks.truth_fit import truth_note
+
+    pairs = zip(runs, observations, strict=True)
+    found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
+    return [f"note: {agent}: {note}" for agent, note in found if note]
