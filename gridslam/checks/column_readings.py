@@ -73,7 +73,7 @@ class Way:
         found = []
         for one in self.read:
             reason = (
-                f"line of sight in {after.explained:.0%} of {after.scans} scans, "
+                f"line of sight in {after.explained:.0%} of {after.judged}, "
                 f"{before.explained:.0%} as it stands; log likelihood ratio {gain:.0f}"
             )
             if one.alike:

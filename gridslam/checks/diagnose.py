@@ -86,8 +86,9 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     lines += elevations.remarks(columns, scene, agent) if scene is not None else []
     lines += [f"suspect: {item}" for item in [*odd, *found]]
     try:
-        if Measurements.load(path, pseudo=offset_m > 0).truth is not None:
-            lines[0] += ", true track known"
+        whole = Measurements.load(path, pseudo=offset_m > 0)
+        lines[0] += "" if whole.truth is None else ", true track known"
+        lines[1:1] = [] if whole.simulated is None else [f"  simulated: {whole.simulated}"]
     except InputError as error:
         lines.append(f"refused: {error}")
     if loose:

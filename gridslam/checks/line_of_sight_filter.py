@@ -61,6 +61,8 @@ class Sight:
         Of the error in the distances, as estimated; 0 if none was supposed.
     start : (3,) float64, m, m, rad
         Where the particles that are left at the end began, and how they faced.
+    first : int or None
+        Of how many steps, if the table has more.
     """
 
     evidence: float
@@ -73,6 +75,12 @@ class Sight:
     shares: Array
     size_m: float
     start: Array
+    first: int | None = None
+
+    @property
+    def judged(self) -> str:
+        """How many scans that is, and of which steps if it isn't of all, in words."""
+        return f"{self.scans} scans" + (f" of the first {self.first} steps" if self.first else "")
 
 
 def explain(
@@ -194,6 +202,7 @@ def explain(
         np.array(shares),
         float(size.mean()) if size is not None else 0.0,
         np.array([*begun[:, :2].mean(0), np.angle(np.exp(1j * begun[:, 2]).mean())]),
+        steps if len(used) < len(step) else None,
     )
 
 

@@ -82,6 +82,8 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
             f"  {name}: steps {first} to {last}, {mean:.1f} paths a step, "
             f"{counted(silent, 'step')} of silence"
         )
+    if table.simulated is not None:
+        lines.append(f"  simulated: {table.simulated}")
     if negative and scene is not None and scene.clocks is None:
         lines.append("suspect: negative distances hold offsets of clocks: give the scene a table [clocks]")
     if 0 < named.mean() < 1:

@@ -160,7 +160,7 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
         return None
     text = "; or ".join(words(one, scene) for one in (turns, *(more for _, more, _ in others)))
     reason = (
-        f"line of sight in {sight.explained:.0%} of {sight.scans} scans, {plain.explained:.0%} as it stands; "
+        f"line of sight in {sight.explained:.0%} of {sight.judged}, {plain.explained:.0%} as it stands; "
         f"log likelihood ratio {gain:.0f}"
     )
     return Cure(Suspicion("aod_rad", "turned", text, not others, reason), read, sight)
@@ -193,7 +193,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
         return None
     before = settled(table, scene, agent)
     reason = (
-        f"line of sight in {after.explained:.0%} of {after.scans} scans, {before.explained:.0%} as it "
+        f"line of sight in {after.explained:.0%} of {after.judged}, {before.explained:.0%} as it "
         f"stands; misfit of these {plain.misfit / max(best.misfit, 1e-9):.1f} times as large without it; "
         f"log likelihood ratio {best.gain(plain):.0f}"
     )
@@ -272,7 +272,7 @@ def offset_beside(
         return found
     more = "more than" if gain > CLEAR else "as much as" if gain > -CLEAR else "less than"
     reason = (
-        f"line of sight in {rival.explained:.0%} of {rival.scans} scans: {more} what else is suspected "
+        f"line of sight in {rival.explained:.0%} of {rival.judged}: {more} what else is suspected "
         f"(log likelihood ratio {gain:.0f}); one anchor at a time can't tell them apart"
     )
     own = Suspicion("distance_m", "offset", _words(error, rival.size_m, scene), False, reason)
@@ -297,7 +297,7 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
     if _allowed_for(error, moved.size_m, scene, agent):
         return None
     reason = (
-        f"line of sight in {moved.explained:.0%} of {moved.scans} scans, {sight.explained:.0%} as it stands; "
+        f"line of sight in {moved.explained:.0%} of {moved.judged}, {sight.explained:.0%} as it stands; "
         f"log likelihood ratio {gain:.0f}; one anchor in sight can't tell it from another start"
     )
     suspicion = Suspicion("distance_m", "offset", _words(error, moved.size_m, scene), False, reason)
@@ -342,7 +342,7 @@ def _names(order: tuple[int, ...], scene: Scene, sight: Sight, plain: Sight) -> 
     names: NDArray = np.array(scene.anchor_names)
     moved = [f"{names[i]} is the scene's {names[n]}" for i, n in enumerate(order) if i != n]
     reason = (
-        f"line of sight in {sight.explained:.0%} of {sight.scans} scans, {plain.explained:.0%} as it stands; "
+        f"line of sight in {sight.explained:.0%} of {sight.judged}, {plain.explained:.0%} as it stands; "
         f"log likelihood ratio {sight.evidence - plain.evidence:.0f}"
     )
     gain = sight.evidence - plain.evidence

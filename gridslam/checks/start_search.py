@@ -153,7 +153,7 @@ def _reason(table: Columns, scene: Scene, agent: str, other: str | None, plain: 
     after = sight if other is None else settled(table, scene, other)
     before = settled(table, scene, agent)
     return (
-        f"line of sight in {max(after.explained, sight.explained):.0%} of {after.scans} scans, "
+        f"line of sight in {max(after.explained, sight.explained):.0%} of {after.judged}, "
         f"{before.explained:.0%} from the start of {agent}; "
         f"log likelihood ratio {sight.evidence - plain.evidence:.0f}"
     )

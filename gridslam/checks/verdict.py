@@ -43,7 +43,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
     seen = settled(table, scene, agent)
-    line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.scans} scans"
+    line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.judged}"
     if seen.explained >= FITTING:
         line += ": units and frames fit the scene"
         if seen.scans < FEW:

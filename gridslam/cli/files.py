@@ -40,7 +40,9 @@ def register(app: typer.Typer) -> None:
 
 def check(
     file: Path,
-    scene: Annotated[str | None, typer.Option(help="compares measurements with a scene's anchors")] = None,
+    scene: Annotated[
+        str | None, typer.Option(help="name or file of a scene, by whose anchors measurements are judged")
+    ] = None,
     agent: Annotated[str | None, typer.Option(help="whose measurements; default: the first")] = None,
 ) -> None:
     """Say what a file or folder is (scene, measurements, map, steps, track, run), or what is wrong with it.
@@ -71,6 +73,11 @@ def check(
         lines = describe_network(file, world)
     else:
         lines = (describe_signal if samples else describe)(file, world, agent)
+    if world is None:
+        lines.append(
+            "not told without a scene: whether units, angles and anchors' names fit, by lines of sight: add "
+            "--scene SCENE (a bundled name or a scene file)"
+        )
     for line in lines:
         if not line.startswith("refused: "):
             _say(line)
@@ -110,7 +117,7 @@ def export(
         raise InputError("-o", named, allowed)
     run = read_run(map_file) if (map_file / "run.json").is_file() else None
     found = Map.load(map_in(map_file) or map_file)
-    output = output.resolve()
+    shown, output = output, output.resolve()
     part = beside(output)
     try:  # all files or none: they are made aside and then moved
         shutil.rmtree(part, ignore_errors=True)
@@ -128,19 +135,19 @@ def export(
             columns = track_columns(own.estimates, own.trajectory, own.truth)
             write_track(part / f"{name}-track.csv", columns)
         names = sorted(path.name for path in part.iterdir())
-        refuse_taken([output / name for name in names], overwrite)
+        refuse_taken([shown / name for name in names], overwrite)
         output.mkdir(exist_ok=True)
         for name in names:
             put_in_place(part / name, output / name)
     except InputError as error:
         if part not in Path(error.where).parents:
             raise
-        raise InputError(str(output), error.found, error.allowed) from error
+        raise InputError(str(shown), error.found, error.allowed) from error
     except OSError as error:
-        raise cannot_write(output, error) from error
+        raise cannot_write(shown, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    _say(f"wrote {', '.join(names)} to {output}")
+    _say(f"wrote {', '.join(names)} to {shown}")
 
 
 def fuse(

@@ -74,7 +74,8 @@ def simulate(
         (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)
         rows = counted(len(several.agent), "measurement")
         counts = f"{counted(len(names), 'agent')}, {counted(len(several), 'step')}, {rows}"
-    out.print(f"wrote {output}: {counts}", highlight=False, soft_wrap=True)
+    what = f"{world.name}, {', '.join(names)}, seed {seed}"
+    out.print(f"wrote {output}: {counts} ({what})", highlight=False, markup=False, soft_wrap=True)
 
 
 signals.register(app)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from gridslam.cli.doubts import truth_notes
-from gridslam.cli.observed import hints, source, view_of
+from gridslam.cli.observed import hints, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
 from gridslam.cli.run_end import Done, busy, finish, go_on_later
@@ -60,7 +60,10 @@ def run_network(asked: Asked) -> None:
         with view_of(asked, measurements.agents) as view:
             runtime.start(asked.device, asked.threads)
             given_rows = measurements.table if file is not None else None
-            for line in (*place.notes, note, *hints(world, asked.method, given_rows)):
+            other = (
+                None if file is None else simulated_note(world, file, measurements.agents, measurements.table)
+            )
+            for line in (*place.notes, other, note, *hints(world, asked.method, given_rows)):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": list(measurements.agents), "particles": world.filter.particles, "start": how}

@@ -102,6 +102,16 @@ def view_of(asked: Asked, agents: Sequence[str]) -> Iterator[RunView | None]:
         yield view
 
 
+def simulated_note(
+    world: Scene, file: Path, agents: str | tuple[str, ...], observations: Observations | None
+) -> str | None:
+    """What to say of a file that was simulated in another scene, or for another agent, and fits it too."""
+    made = getattr(observations, "simulated", None)
+    names = (agents,) if isinstance(agents, str) else agents
+    other = None if made is None else made.unlike(world.name, names)
+    return None if other is None else f"{file}: {other}"
+
+
 def source(files: Sequence[Path]) -> dict[str, Any]:
     """What ``run.json`` says of files that were given: name and checksum, of several in the agents' order."""
     if not files:

@@ -18,6 +18,7 @@ from gridslam.cli.observed import (
     hints,
     recorded,
     require_map_used,
+    simulated_note,
     source,
     suited_method,
     view_of,
@@ -86,7 +87,8 @@ def _run_in_turn(asked: Asked) -> None:
         with view_of(asked, names) as view:
             runtime.start(asked.device, asked.threads)
             taken = _taken_note(asked, names, files)
-            for line in (*place.notes, taken, note, *hints(world, method, every[names[0]])):
+            other = [simulated_note(world, by_name[name], name, own) for name, own in known.items()]
+            for line in (*place.notes, taken, *other, note, *hints(world, method, every[names[0]])):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}

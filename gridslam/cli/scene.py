@@ -125,8 +125,12 @@ def import_plan(
 def report(
     directory: Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder")],
     still: Annotated[bool, flag("--still", "without the moving picture of each agent")] = False,
+    overwrite: Annotated[bool, flag("--overwrite", "replace a report.html that isn't one of these")] = False,
 ) -> None:
-    """Write report.html into a run's folder: one page with all its figures, which opens offline."""
+    """Write report.html into a run's folder: one page with all its figures, which opens offline.
+
+    It is made of that folder alone: an earlier report of the run is replaced, as figures are by plot.
+    """
     from rich.progress import Progress
 
     from gridslam.viewers.report import write_report
@@ -135,7 +139,7 @@ def report(
     with Progress(console=err, transient=True, disable=not err.is_terminal) as bar:
         task = bar.add_task("drawing", total=None)
         page = write_report(
-            directory, not still, lambda done, total: bar.update(task, completed=done, total=total)
+            directory, not still, lambda done, total: bar.update(task, completed=done, total=total), overwrite
         )
     _say(f"wrote {page}")
 

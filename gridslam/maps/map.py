@@ -72,7 +72,8 @@ class Map(MapCells):
         (height, width), who = self.shape, self.provenance.get("agents")
         names = ", ".join(map(str, who)) if isinstance(who, list) and who else "unknown agents"
         surfaces = len(self.surfaces) if self.surfaces is not None else 0
-        learned = "" if self.features is None else f", {counted(len(self.features), 'feature')}"
+        points = 0 if self.features is None else len(self.features)
+        learned = f", {counted(points, 'feature')} (where paths off no surface come from)" if points else ""
         learned += f"; told the {self.truth_given}" if self.truth_given else ""
         learned += f"; {self.lost} was lost" if self.lost else ""
         twice = repeated_run(self)

@@ -11,6 +11,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
+from gridslam.measurements.simulated import simulated_of
 from gridslam.world.columns import OPTIONAL, UNITS, VALUES, Columns, check_columns
 from gridslam.world.trajectory import Trajectory
 
@@ -36,6 +37,8 @@ def put_rows(file: h5py.File, columns: Columns, table: Mapping[str, Any]) -> Non
     for name in ("unlabelled", "pseudo"):
         if table[name]:
             rows.attrs[name] = True
+    if table["simulated"] is not None:
+        table["simulated"].put(rows)
     for name, values in columns.items():
         put(rows, name, values, UNITS[name])
     anchors = file.create_group("anchors")
@@ -123,6 +126,7 @@ def get_rows(file: h5py.File, path: str, checked: bool = True) -> tuple[Columns,
         "steps": int(rows.attrs.get("steps", 0)),
         "interval_s": float(rows.attrs.get("interval_s", 0)),
         "truth": None,
+        "simulated": simulated_of(rows),
     }
 
 

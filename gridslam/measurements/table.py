@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab, per_step_arrays
+from gridslam.measurements.simulated import Simulated
 from gridslam.wording import counted
 from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, VALUES, Columns, check_columns, fill_missing
 from gridslam.world.geometry import wrap
@@ -52,6 +53,8 @@ class Measurements:
         Whether rows may leave open whose they are (anchor -1).
     pseudo : bool
         Whether distances hold offsets of clocks, and may be negative.
+    simulated : Simulated or None
+        The simulation that it is of; None of what was recorded, and of CSV files, which don't tell.
 
     Raises
     ------
@@ -81,6 +84,7 @@ class Measurements:
     truth: Trajectory | None = None
     unlabelled: bool = False
     pseudo: bool = False
+    simulated: Simulated | None = None
 
     def __post_init__(self) -> None:
         names = tuple(self.anchors)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.measurements.simulated import Simulated
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.clocks import apparent_bias
 from gridslam.simulation.occlusion import visible
@@ -207,6 +208,7 @@ def measured_along(
         time_s=track.time_s[columns["step"]],
         truth=track,
         pseudo=scene.clocks is not None,
+        simulated=Simulated(scene.name, (agent,), seed),
         **columns,
     )
     return measurements, label

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.measurements.network import NetworkMeasurements
+from gridslam.measurements.simulated import Simulated
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.clocks import apparent_bias, clock_truth
 from gridslam.simulation.image_source import Truth, true_paths
@@ -142,6 +143,7 @@ def shared_air(
         interval_s=interval,
         steps=steps,
         pseudo=scene.clocks is not None,
+        simulated=Simulated(scene.name, tuple(names), seed),
         **rows,
     )
     truths = {name: Truth(track, paths[name], scene.segments()) for name, (_, track) in there.items()}

@@ -11,13 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from gridslam.io.files import write_bytes
+from gridslam.io.files import refuse_taken, write_bytes
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.viewers.animation import animate, film_ending
 from gridslam.viewers.plots import draw_all
 from gridslam.wording import counted
 
+NAME, TITLE = "report.html", "gridslam: "
+HEAD = 1000
+"""Characters in which the title stands."""
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
        color: #1b1b1b; background: #fff; text-size-adjust: 100%; -webkit-text-size-adjust: 100% }
@@ -79,8 +82,11 @@ def write_report(
     directory: str | os.PathLike[str],
     moving: bool = True,
     progress: Callable[[int, int], None] | None = None,
+    overwrite: bool = False,
 ) -> Path:
     """Write ``report.html`` into a run's folder and return its path.
+
+    A report is made of its run's folder alone: one that was made before is replaced, as figures are.
 
     Parameters
     ----------
@@ -90,14 +96,18 @@ def write_report(
         With a moving picture of each agent, also written as ``figures/NAME-run.mp4`` (or ``.gif``).
     progress : callable, optional
         Called after every frame of the moving pictures with (done, in all).
+    overwrite : bool
+        Whether a page of this name that isn't such a report may be replaced, too.
 
     Raises
     ------
     InputError
-        Not a run's folder, or it can't be written to.
+        Not a run's folder, one that can't be written to, or something else of the report's name in it.
     """
     folder = Path(directory)
     run = read_run(folder)
+    if not _is_report(folder / NAME):
+        refuse_taken([folder / NAME], overwrite)
     figures = sorted((folder / "figures").glob("*.png")) or draw_all(folder)
     parts = [_head(run), _scores(run.summary.get("agents", {}))]
     for place, (name, found) in enumerate(run.agents.items()):
@@ -113,9 +123,18 @@ def write_report(
     names = tuple(f"{name}-" for name in run.agents)
     parts += [_figure(path, path.stem) for path in figures if not path.stem.startswith(names)]
     parts.append(_settings(run))
-    target = folder / "report.html"
-    write_bytes(target, _page(f"gridslam: {run.scene.name}", "\n".join(parts)).encode("utf-8"))
+    target = folder / NAME
+    write_bytes(target, _page(f"{TITLE}{run.scene.name}", "\n".join(parts)).encode("utf-8"))
     return target
+
+
+def _is_report(page: Path) -> bool:
+    """Whether a file is one that `write_report` wrote."""
+    try:
+        with page.open(encoding="utf-8") as text:
+            return f"<title>{TITLE}" in text.read(HEAD)
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _share(

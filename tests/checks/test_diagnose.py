@@ -175,7 +175,8 @@ def test_same_lines_from_every_format(tmp_path, tables):
     table.to_csv(tmp_path / "a.csv")
     table.to_h5(tmp_path / "a.h5")
     lines, more = describe(tmp_path / "a.csv"), describe(tmp_path / "a.h5")
-    assert more == [f"{lines[0]}, true track known", *lines[1:]]
+    told = "  simulated: alcove, agent1, seed 1"
+    assert more == [f"{lines[0]}, true track known", told, *lines[1:]]
 
 
 @pytest.mark.slow

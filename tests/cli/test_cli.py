@@ -161,7 +161,8 @@ def test_scenes_are_listed_one_per_line(say):
 
 def test_simulate_writes_one_file_for_all_agents(say, short_room, tmp_path):
     both = "--agent", "agent1", "--agent", "agent2"
-    assert say("simulate", short_room, *both, "-o", "heard.h5").code == 0
+    assert "(room, agent1, agent2, seed 0)\n" in say("simulate", short_room, *both, "-o", "heard.h5").out
+    assert "  simulated: room, agent1, agent2, seed 0\n" in say("check", "heard.h5").out
     assert say("simulate", short_room, *both, "--unlabelled", "-o", "heard.csv").code == 0
     assert listing(tmp_path) == ["heard.csv", "heard.h5", "short.toml"]
     measurements = gs.NetworkMeasurements.from_h5(tmp_path / "heard.h5")

@@ -117,6 +117,41 @@ def test_measurements_that_make_a_filter_unwell_point_to_check(say, short_room):
     assert f"is told by: gridslam check heard.csv --scene {short_room}" in result.out
 
 
+@pytest.mark.usefixtures("no_figures")
+def test_a_table_says_which_simulation_it_is_of_and_a_run_by_another_scene_or_agent_notes_it(say, short_room):
+    result = say("simulate", short_room, "--seed", 3, "-o", "heard.h5")
+    assert result.out.endswith(" (room, agent1, seed 3)\n")
+    assert "  simulated: room, agent1, seed 3\n" in say("check", "heard.h5").out
+    other = gs.Scene.load(short_room).model_copy(update={"name": "annexe"})
+    Path("other.toml").write_text(other.to_toml())
+    for scene, agent, noted in (
+        (short_room, "agent1", 0),
+        ("other.toml", "agent1", 1),
+        (short_room, "agent2", 1),
+    ):
+        words = ("--agent", agent, "--measurements", "heard.h5", "-o", "out", "--overwrite")
+        result = say("run", scene, *words)
+        assert result.code == 0
+        assert result.err.count("note: heard.h5: simulated in room, agent1, seed 3, and taken for ") == noted
+
+
+def test_check_without_a_scene_says_what_it_could_not_tell(say, tmp_path):
+    scene = shortened(gs.Scene.load("room"), 5)
+    gs.simulate(scene, "agent1", 1).to_csv("heard.csv")
+    gs.simulate(scene, ["agent1"], 1, unlabelled=True).to_h5("all.h5")
+    for name in ("heard.csv", "all.h5"):
+        alone = say("check", name)
+        assert alone.code == 0
+        assert "not told without a scene: " in alone.out
+        assert "--scene SCENE" in alone.out.splitlines()[-1]
+        assert "not told" not in say("check", name, "--scene", "room").out
+    judged = say("check", "heard.csv", "--scene", "room").out.splitlines()[-1]
+    assert "of 10 scans: units and frames fit the scene" in judged
+    gs.simulate(gs.Scene.load("room"), "agent1", 1).to_csv("heard.csv")
+    judged = say("check", "heard.csv", "--scene", "room").out.splitlines()[-1]
+    assert "of 200 scans of the first 100 steps: units and frames fit the scene" in judged
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize(("method", "hinted"), [("grid", True), ("va", False)])

@@ -43,7 +43,9 @@ def test_features_come_back_from_a_file(tmp_path):
     for field in fields(FeatureEstimate):
         np.testing.assert_array_equal(getattr(found.features, field.name), getattr(table, field.name))
     np.testing.assert_array_equal(found.feature_covariance, joint)
-    assert found.in_words().endswith(f"1 surface, {len(table)} features")
+    assert found.in_words().endswith(
+        f"1 surface, {len(table)} features (where paths off no surface come from)"
+    )
 
 
 def test_a_map_without_features_has_none(tmp_path):

@@ -35,7 +35,10 @@ def files(say, tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE.to_toml())
     shutil.copy(HELPERS / "echo_slam.py", tmp_path)
     result = say("simulate", "scene.toml", "--signal", "--seed", 2, "-o", "z.h5")
-    assert (result.code, result.out) == (0, "wrote z.h5: 3 steps, samples 1 x 1 x 1 x 41\n")
+    assert (result.code, result.out) == (
+        0,
+        "wrote z.h5: 3 steps, samples 1 x 1 x 1 x 41 (scene, me, seed 2)\n",
+    )
     return tmp_path
 
 

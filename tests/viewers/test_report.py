@@ -222,3 +222,13 @@ def test_surfaces_without_a_wall_of_some_length_are_explained():
     crossed = replace(grid, evidence=np.full((40, 40), -9.0), observed=np.ones((40, 40), bool))
     assert surface_table(crossed).count("open by its cells") == 3, "two of them, and what it means"
     assert "<p>" not in surface_table(replace(grid, surfaces=surfaces([(0.0, 1.0)])))
+
+
+def test_a_report_made_again_replaces_the_earlier_one_and_no_other_page(run_folder):
+    page = write_report(run_folder, moving=False)
+    first = page.read_bytes()
+    assert write_report(run_folder, moving=False).read_bytes() == first
+    page.write_text("<html>what somebody wrote</html>")
+    with pytest.raises(InputError, match=r"report\.html: found something of this name"):
+        write_report(run_folder, moving=False)
+    assert write_report(run_folder, moving=False, overwrite=True).read_bytes() == first
