@@ -20,12 +20,12 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Ellipse, Patch
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.drawing.anchor_labels import anchors
 from gridslam.estimate_tables import HypothesisEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.world.geometry import unit
@@ -316,16 +316,6 @@ def rivals(axes: Axes, estimates: Sequence[Estimate]) -> None:
     if len(others):
         size, (x, y) = 2 + 16 * others.weight, others.position_m.T
         axes.scatter(x, y, size, color=PURPLE, lw=0, alpha=0.6, label="other hypotheses", zorder=4)
-
-
-def anchors(axes: Axes, scene: Scene) -> None:
-    """Anchors with their names."""
-    place = scene.anchor_positions
-    axes.plot(*place.T, "^", color="k", mec="w", ms=8, ls="", label="anchors", zorder=6)
-    for name, (x, y) in zip(scene.anchor_names, place, strict=True):
-        halo = [withStroke(linewidth=2, foreground="w")]
-        style: dict[str, Any] = {"fontsize": "small", "path_effects": halo, "zorder": 6}
-        axes.annotate(name, (x, y), (6, 5), textcoords="offset points", annotation_clip=True, **style)
 
 
 def legend(figure: Figure, axes: Axes, mapped: bool = True) -> None:

@@ -5,25 +5,32 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
 from gridslam.drawing.map_figure import encoded, fonts
 from gridslam.evaluation.consistency import nees_band
 from gridslam.io.files import write_bytes
 from gridslam.studies.batches import Batch
+from gridslam.studies.looks import (
+    BOUND,
+    KNOWN,
+    PALE,
+    band,
+    blank,
+    draw_bound,
+    fit_axis,
+    legend,
+    log_axis,
+    look,
+    pale,
+    title_of,
+)
 from gridslam.systems.registry import kind_of
-from gridslam.wording import counted
 
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-STYLES = ("-", (0, (5, 1)), (0, (1, 1)), (0, (3, 1, 1, 1)))
-BOUND_COLOR, KNOWN_COLOR = "#303030", "#8a8a8a"
 MOST_SURFACES = 12
 """Panels in the figure of single surfaces; those that are there longest come first."""
 LEAST_M, LEAST_CM, LEAST_DEG = 1e-4, 1e-2, 1e-3
@@ -32,11 +39,12 @@ ERRORS = ("position_error_m", 100.0, LEAST_CM), ("heading_error_rad", np.degrees
 """Errors that are drawn, with the factor to cm and degrees; the heading only where something tells of it."""
 WHOLE_IN = 8.0
 """Width for which figures are laid out."""
+GREY = 0.1
+"""How dark shaded areas are that are of all methods."""
 HIDDEN = "position_error_m", "position_claimed_m"
 SETTLED = 30
 """Steps after which errors count for where axes end; a third of a shorter run."""
-WILD = 100.0
-"""Times the median from which on errors need a logarithmic axis, as those of lost agents do."""
+SHARE = "80 % of the runs"
 
 
 def draw_study(
@@ -86,70 +94,70 @@ def _resize(figure: Figure, width: float) -> None:
 def draw_errors(own: Sequence[Batch]) -> Figure:
     """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c)."""
     headed = _heading_measured(own)
-    figure = _figure(8, 6.5 if headed else 3.8)
+    figure = blank(8, 6.5 if headed else 3.8)
     panels = figure.subplots(2 if headed else 1, 1, sharex=True, squeeze=False)[:, 0]
     for number, batch in enumerate(own):
-        color, style = _look(number)
+        color, style = look(number)
         for axes, (name, scale, least) in zip(panels, ERRORS, strict=False):
             low, high = np.maximum(scale * batch.quantiles(name), least)
             axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
-            axes.plot(scale * batch.rmse(name), color=color, ls=style, lw=1.3, label=_label(batch, own))
+            axes.plot(scale * batch.rmse(name), color=color, ls=style, lw=1.3, label=title_of(batch, own))
     for axes, name, (_, scale, _) in zip(panels, ("position_m", "heading_rad"), ERRORS, strict=False):
         known = [scale * getattr(batch.benchmark.known, name) for batch in own]
         unknown = [scale * getattr(batch.benchmark.unknown, name) for batch in own]
-        _bound(axes, known, "known-map bound", ":")
-        _bound(axes, unknown, "unknown-map bound", "--")
+        draw_bound(axes, known, "known-map bound", KNOWN)
+        draw_bound(axes, unknown, "unknown-map bound")
         axes.grid(alpha=0.3)
     for axes, what, (name, scale, _) in zip(
         panels, ("position RMSE (cm)", "heading RMSE (deg)"), ERRORS, strict=False
     ):
         axes.set_ylabel(what)
         settled = min(SETTLED, own[0].rmse(name).shape[-1] // 3)
-        _fit_axis(axes, "y", scale * np.concatenate([batch.quantiles(name)[1][settled:] for batch in own]))
+        fit_axis(axes, "y", scale * np.concatenate([batch.quantiles(name)[1][settled:] for batch in own]))
     panels[-1].set_xlabel("step")
-    _legend(figure, panels[0])
+    legend(figure, panels, [band(SHARE)])
     return figure
 
 
 def draw_cdf(own: Sequence[Batch]) -> Figure:
     """Share of all steps of all runs with an error below a value."""
-    figure = _figure(8, 3.8)
+    figure = blank(8, 3.8)
     axes = figure.subplots(1, 2 if _heading_measured(own) else 1, sharey=True, squeeze=False)[0]
     for number, batch in enumerate(own):
-        color, style = _look(number)
+        color, style = look(number)
         for panel, (name, scale, least) in zip(axes, ERRORS, strict=False):
             error = np.sort(np.maximum(scale * np.abs(batch.steps[name]).ravel(), least))
             share = np.arange(1, len(error) + 1) / len(error)
-            panel.step(error, share, where="post", color=color, ls=style, lw=1.3, label=_label(batch, own))
+            panel.step(error, share, where="post", color=color, ls=style, lw=1.3, label=title_of(batch, own))
     for panel, what, (name, scale, _) in zip(
         axes, ("position error (cm)", "heading error (deg)"), ERRORS, strict=False
     ):
         panel.set(xlabel=what, ylim=(0, 1.01))
         panel.grid(alpha=0.3)
         errors = scale * np.abs(np.concatenate([batch.steps[name].ravel() for batch in own]))
-        _fit_axis(panel, "x", errors[errors <= np.nanquantile(errors, 0.995)])
+        fit_axis(panel, "x", errors[errors <= np.nanquantile(errors, 0.995)])
     axes[0].set_ylabel("share of steps")
-    _legend(figure, axes[0])
+    legend(figure, axes)
     return figure
 
 
 def draw_mospa(own: Sequence[Batch]) -> Figure:
     """MOSPA of surfaces and virtual anchors, number of surfaces ([Li2025adaptive], Figs. 6a, 4b)."""
-    figure = _figure(8, 8.5)
+    figure = blank(8, 8.5)
     distance, image, count = figure.subplots(3, 1, sharex=True)
     for number, batch in enumerate(own):
-        color, style = _look(number)
+        color, style = look(number)
         for axes, name in ((distance, "surface_ospa_m"), (image, "image_ospa_m")):
             if np.isnan(batch.mapped(batch.mean(name))).all():  # it maps no surfaces
                 continue
             low, high = np.maximum(batch.quantiles(name), LEAST_M)
             axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
-            axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=_label(batch, own))
+            axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=title_of(batch, own))
         number_of = batch.mapped(batch.mean("surfaces"))
         if not np.isnan(number_of).all():
             count.plot(number_of, color=color, ls=style, lw=1.3)
-    _bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound", "--")
-    _bound(count, [batch.benchmark.surfaces for batch in own], "true", "--")
+    draw_bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound")
+    draw_bound(count, [batch.benchmark.surfaces for batch in own], "surfaces that are there", KNOWN)
     for axes, label in (
         (distance, "MOSPA of\nthe surfaces (m)"),
         (image, "MOSPA of the\nvirtual anchors (m)"),
@@ -157,11 +165,11 @@ def draw_mospa(own: Sequence[Batch]) -> Figure:
         axes.set_ylabel(label)
         if any((np.asarray(line.get_ydata()) > 0).any() for line in axes.lines):  # else no logarithm
             axes.set_yscale("log")
-    count.set(xlabel="step", ylabel="surfaces found\n(dashed: true)")
+    count.set(xlabel="step", ylabel="surfaces found")
     count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
     for axes in (distance, image, count):
         axes.grid(alpha=0.3)
-    _legend(figure, distance)
+    legend(figure, (distance, image, count), [band(SHARE)])
     return figure
 
 
@@ -173,7 +181,7 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
         return None
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
-    figure = _figure(WHOLE_IN, 2.0 * rows + 0.8)
+    figure = blank(WHOLE_IN, 2.0 * rows + 0.8)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for panel in panels.flat[len(chosen) :]:
         panel.set_visible(False)
@@ -184,64 +192,67 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
         share.set(ylim=(0, 1.02))
         share.tick_params(labelsize="x-small", labelright=panel.get_subplotspec().is_last_col())
         for number, batch in enumerate(own):
-            color, style = _look(number)
+            color, style = look(number)
             error = batch.steps["surface_error_m"][:, column]
             panel.plot(
-                batch.rmse("surface_error_m")[column], color=color, ls=style, lw=1.2, label=_label(batch, own)
+                batch.rmse("surface_error_m")[column],
+                color=color,
+                ls=style,
+                lw=1.2,
+                label=title_of(batch, own),
             )
-            share.plot(np.isfinite(error).mean(0), color=color, ls=style, lw=0.6, alpha=0.6)
-        _bound(
+            share.plot(np.isfinite(error).mean(0), color=color, ls=style, **PALE)
+        draw_bound(
             panel,
             [batch.benchmark.unknown.surface_m[:, column] for batch in own],
             "mapping error bound",
-            "--",
         )
         panel.set(yscale="log", title=f"surface {mark.unknown.surface[column] + 1}")
         panel.set_ylim(1e-3, 10)
         panel.grid(alpha=0.3)
-    figure.supxlabel("step (thin lines, right axes: share of runs that have it)", fontsize="medium")
+    figure.supxlabel("step", fontsize="medium")
     figure.supylabel("RMSE (m)", fontsize="medium")
-    _legend(figure, panels[0, 0])
+    legend(figure, list(panels.flat), [pale("share of runs that have it (right axes)")])
     return figure
 
 
 def draw_rays(own: Sequence[Batch]) -> Figure:
     """Paths of each anchor: detected, sum of their beliefs, and true ones ([Li2025adaptive], Fig. 4a)."""
     anchors = own[0].benchmark.anchors
-    figure = _figure(8, 2.4 * len(anchors) + 0.8)
+    figure = blank(8, 2.4 * len(anchors) + 0.8)
     panels = figure.subplots(len(anchors), 1, sharex=True, squeeze=False)[:, 0]
     for anchor, (panel, name) in enumerate(zip(panels, anchors, strict=True)):
         for number, batch in enumerate(own):
-            color, style = _look(number)
-            panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=_label(batch, own))
-            panel.plot(batch.mean("ray_belief")[anchor], color=color, ls=":", lw=1.0)
-        _bound(
-            panel, [batch.benchmark.likely_rays[anchor] for batch in own], "likelier heard than missed", ":"
-        )
-        _bound(panel, [batch.benchmark.rays[anchor] for batch in own], "true", "--")
+            color, style = look(number)
+            panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=title_of(batch, own))
+            panel.plot(batch.mean("ray_belief")[anchor], color=color, ls=style, **PALE)
+        likely = [batch.benchmark.likely_rays[anchor] for batch in own]
+        draw_bound(panel, likely, "true ones that are likelier heard than missed", KNOWN)
+        draw_bound(panel, [batch.benchmark.rays[anchor] for batch in own], "true paths")
         panel.set_ylabel(f"paths of {name}")
         panel.grid(alpha=0.3)
-    panels[-1].set_xlabel("step (dotted: sum of the paths' beliefs)")
-    _legend(figure, panels[0])
+    panels[-1].set_xlabel("step")
+    legend(figure, panels, [pale("sum of the paths' beliefs")])
     return figure
 
 
 def draw_consistency(own: Sequence[Batch]) -> Figure:
     """Mean NEES of position and heading over time in the 95 % band of consistent filters."""
     headed = _heading_measured(own)
-    figure = _figure(8, 6 if headed else 3.5)
+    figure = blank(8, 6 if headed else 3.5)
     panels = figure.subplots(2 if headed else 1, 1, sharex=True, squeeze=False)[:, 0]
     for panel, name, degrees in zip(panels, ("position", "heading"), (2, 1), strict=False):
         for number, batch in enumerate(own):
-            color, style = _look(number)
-            panel.plot(batch.mean(f"{name}_nees"), color=color, ls=style, lw=1.1, label=_label(batch, own))
+            color, style = look(number)
+            panel.plot(batch.mean(f"{name}_nees"), color=color, ls=style, lw=1.1, label=title_of(batch, own))
         for runs in sorted({batch.runs for batch in own}):
-            panel.axhspan(*nees_band(runs, degrees), color="k", alpha=0.1, lw=0)
-        panel.axhline(degrees, color="k", lw=0.8)
-        panel.set(yscale="log", ylabel=f"mean NEES of {name}")
+            panel.axhspan(*nees_band(runs, degrees), color="k", alpha=GREY, lw=0)
+        panel.axhline(degrees, color=BOUND[0], ls=BOUND[1], lw=1.4, label="mean of a consistent filter")
+        panel.set_ylabel(f"mean NEES of {name}")
+        log_axis(panel)
         panel.grid(alpha=0.3)
-    panels[-1].set_xlabel("step (grey: 95 % band)")
-    _legend(figure, panels[0])
+    panels[-1].set_xlabel("step")
+    legend(figure, panels, [band("95 % band of a consistent filter", GREY)])
     return figure
 
 
@@ -253,77 +264,34 @@ def draw_hidden(own: Sequence[Batch]) -> Figure | None:
     hidden = own[0].benchmark.hidden
     if not hidden.any() or all(kind_of(batch.method) == "paths" for batch in own):
         return None
-    figure = _figure(8, 4.4)
+    figure = blank(8, 4.4)
     axes = figure.subplots()
     for number, batch in enumerate(own):
-        color, _ = _look(number)
+        color, _ = look(number)
         error, claimed = (np.maximum(100 * batch.rmse(name), LEAST_CM) for name in HIDDEN)
         then = [float(np.sqrt(np.mean(values[hidden] ** 2))) for values in (error, claimed)]
-        label = f"{_label(batch, own)}: hidden {then[0]:.3g} cm, claimed {then[1]:.3g}"
+        label = f"{title_of(batch, own)}: hidden {then[0]:.3g} cm, claimed {then[1]:.3g}"
         axes.plot(error, color=color, lw=1.4, label=label)
-        axes.plot(claimed, color=color, ls="--", lw=1.0)
+        axes.plot(claimed, color=color, lw=1.0, ls=BOUND[1])
     axes.fill_between(
         np.arange(len(hidden)),
         0,
         1,
         where=hidden,
-        color="0.9",
+        color="k",
+        alpha=GREY,
+        lw=0,
         transform=axes.get_xaxis_transform(),
         zorder=0,
     )
-    axes.set(
-        yscale="log", ylabel="position RMSE, dashed: claimed (cm)", xlabel="step (grey: no line of sight)"
-    )
+    axes.set(ylabel="position RMSE (cm)", xlabel="step")
+    log_axis(axes)
     axes.grid(alpha=0.3)
-    _legend(figure, axes, 1)
+    claims = Line2D([], [], color="k", ls=BOUND[1], lw=1.0, label="claimed")
+    legend(figure, [axes], [claims, band("no line of sight", GREY)], 1)
     return figure
 
 
 def _heading_measured(own: Sequence[Batch]) -> bool:
     """Whether a heading is drawn: whether anything tells of it in any batch."""
     return any(batch.benchmark.heading_told for batch in own)
-
-
-def _bound(axes: Axes, values: Sequence[NDArray[Any]], label: str, style: str) -> None:
-    """Draw a bound, if there is one, once if it is that of all batches, else each in its batch's colour."""
-    if all(np.isnan(one).all() for one in values):
-        return
-    if all(np.array_equal(values[0], other, equal_nan=True) for other in values):
-        color = KNOWN_COLOR if style == ":" else BOUND_COLOR
-        axes.plot(values[0], color=color, ls=style, lw=1.2, label=label)
-        return
-    for number, one in enumerate(values):
-        axes.plot(one, color=_look(number)[0], ls=style, lw=1.0, label=label if number == 0 else None)
-
-
-def _label(batch: Batch, own: Sequence[Batch]) -> str:
-    settings = "".join(f", {key.rpartition('.')[2]}={value}" for key, value in batch.variant.settings)
-    lost = f", {batch.diverged} diverged" if batch.diverged else ""
-    return f"{batch.method}{settings} ({counted(batch.runs, 'run')}{lost})"
-
-
-def _fit_axis(axes: Axes, which: str, errors: NDArray[Any]) -> None:
-    """An axis from 0 to what errors come to, or a logarithmic one where some are far beyond the others."""
-    errors = errors[np.isfinite(errors)]
-    if not len(errors) or not errors.max() > 0:
-        return
-    if errors.max() > WILD * np.median(errors):
-        axes.set(**{f"{which}scale": "log"})
-    else:
-        axes.set(**{f"{which}lim": (0, 1.15 * float(errors.max()))})
-
-
-def _look(number: int) -> tuple[str, str | tuple]:
-    """Colour and style of the line of a batch: either alone tells it from its neighbours, in print, too."""
-    return COLORS[number % len(COLORS)], STYLES[number % len(STYLES)]
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _legend(figure: Figure, axes: Axes, columns: int = 3) -> None:
-    style: dict[str, Any] = {"ncols": columns, "fontsize": "small", "frameon": False}
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", **style)

@@ -18,6 +18,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
+from gridslam.drawing.anchor_labels import anchors
 from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, scatterers
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
@@ -158,9 +159,9 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     if found.truth is not None:
         axes.plot(*found.truth.position_m[: step + 1].T, color="k", lw=2, alpha=0.35)
     axes.plot(*found.trajectory.position_m[: step + 1].T, color=BLUE, lw=1)
-    axes.plot(*scene.anchor_positions.T, "k^", ms=5)
-    _agent(axes, scene, now)
     axes.set(xlim=scene.grid.x_m, ylim=scene.grid.y_m, aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    anchors(axes, scene, 5)
+    _agent(axes, scene, now)
     axes.set_title(
         f"step {now.step}: {counted(len(rays), 'path')}, {counted(len(known), 'surface')}", fontsize=9
     )

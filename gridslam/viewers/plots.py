@@ -17,13 +17,13 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from gridslam.drawing.anchor_labels import anchors
 from gridslam.drawing.map_figure import (
     BLUE,
     GREEN,
     ORANGE,
     OUTLINE,
     PAGE_IN,
-    anchors,
     blank,
     colorbar,
     draw_map,
@@ -99,8 +99,8 @@ def draw_rays(
         thick = 0.6 + 1.4 * np.clip(scale(level[order]), 0, 1)
         axes.add_collection(LineCollection(lines, array=level[order], cmap=STRENGTH, norm=scale, lw=thick))
         axes.plot(*place, "o", color="k", mfc="w", ms=6, label="agent", zorder=5)
-        anchors(axes, scene)
         frame(axes, window)
+        anchors(axes, scene)
         axes.set_title(f"{title}: {counted(len(lines), 'path')} at step {own.step}", fontsize="small")
         if number:
             axes.set_ylabel("")
@@ -164,8 +164,7 @@ def draw_errors(
     if with_surfaces:
         shared = None if truth is None else _seen_so_far(truth.joined(beside), earlier, len(steps))
         _count_surfaces(rows[-1], found, shared)
-        if truth is not None:
-            rows[-1].legend(ncols=2, **place)
+        rows[-1].legend(ncols=2, **place)
     rows[-1].set(xlabel="step", xlim=(steps[0], max(steps[-1], steps[0] + 1)))
     for axes in rows:
         axes.grid(alpha=0.3)

@@ -188,6 +188,8 @@ def _film(
 ) -> str:
     width, height = animate(run.scene, found, path, progress=progress)
     what = f"{name}: blue the track and where the agent may be, orange surfaces found, thin lines the paths"
+    if run.scene.walls:
+        what += ", green true walls"
     if path.suffix == ".gif":
         return _figure(path, what)
     text = escape(what, quote=True)

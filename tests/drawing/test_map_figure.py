@@ -10,6 +10,7 @@ import pytest
 from tiny import TINY
 
 import gridslam as gs
+from gridslam.drawing.anchor_labels import side_of
 from gridslam.drawing.map_figure import COLUMN_IN, FORMATS, draw_map, encoded
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -133,3 +134,15 @@ def test_figures_for_papers_are_of_their_format_and_repeat(run, form):
     content = encoded(figure, form)
     assert content.startswith(BEGINNINGS[form])
     assert encoded(draw_map(run.map, run.scene, width=COLUMN_IN), form) == content
+
+
+def test_names_of_anchors_stand_clear_of_walls_and_inside():
+    """In `hall` a pillar stands up right of A, and was covered by its name in narrow figures."""
+    hall = gs.Scene.load("hall")
+    shown = np.array([[-12.6, -5.6], [12.6, 5.6]])
+    a, b = hall.anchor_positions
+    assert side_of(a, hall, shown).tolist() == [-1, 1]
+    assert side_of(b, hall, shown).tolist() == [1, -1]
+    bare = hall.model_copy(update={"walls": ()})
+    assert side_of(a, bare, shown).tolist() == [1, 1]
+    assert side_of(np.array([12.5, 5.5]), bare, shown).tolist() == [-1, -1]

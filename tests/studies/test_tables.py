@@ -15,13 +15,16 @@ from gridslam.drawing.map_figure import encoded
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
 from gridslam.studies.batches import Benchmark, _benchmarks, batches
+from gridslam.studies.looks import DOTTED, SPARSE, STYLES
 from gridslam.studies.plots import (
     draw_cdf,
     draw_consistency,
     draw_errors,
     draw_hidden,
     draw_mospa,
+    draw_rays,
     draw_study,
+    draw_surfaces,
 )
 from gridslam.studies.study import Outcome, Study, Variant, run_study
 from gridslam.studies.tables import step_rows, summary_rows, write_tables
@@ -82,6 +85,23 @@ def test_heading_that_nothing_tells_of_is_left_out_as_in_runs(scene, tmp_path):
     labels = [axes.get_ylabel() for draw in (draw_errors, draw_consistency) for axes in draw(found).axes]
     assert labels == ["position RMSE (cm)", "mean NEES of position"]
     assert len(draw_cdf(found).axes) == 1
+
+
+def test_figures_say_in_their_legends_what_each_line_is(scene, tmp_path):
+    found = batches(run_study(plan(scene, 2, agents=("agent1",)), tmp_path / "s", Here()))
+    for draw, titles in (
+        (draw_errors, {"known-map bound", "unknown-map bound", "80 % of the runs"}),
+        (draw_mospa, {"mapping error bound", "surfaces that are there", "80 % of the runs"}),
+        (draw_rays, {"true paths", "sum of the paths' beliefs"}),
+        (draw_surfaces, {"mapping error bound", "share of runs that have it (right axes)"}),
+        (draw_consistency, {"mean of a consistent filter", "95 % band of a consistent filter"}),
+    ):
+        figure = draw(found)
+        (legend,) = figure.legends
+        assert titles <= {text.get_text() for text in legend.get_texts()}, draw
+        labels = [axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes]
+        assert not re.search("dashed|dotted|thin|grey", " ".join(labels))
+    assert not {style for style in STYLES if style in (DOTTED, SPARSE)}, "no method looks like a bound"
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from gridslam.importers.geojson import write_surfaces
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import read_run, write_run
 from gridslam.viewers.animation import animate, film_ending
+from gridslam.viewers.plots import draw_errors
 from gridslam.viewers.report import surface_table, write_report
 
 STEPS = 5
@@ -232,3 +233,10 @@ def test_a_report_made_again_replaces_the_earlier_one_and_no_other_page(run_fold
     with pytest.raises(InputError, match=r"report\.html: found something of this name"):
         write_report(run_folder, moving=False)
     assert write_report(run_folder, moving=False, overwrite=True).read_bytes() == first
+
+
+def test_the_panel_of_surfaces_says_what_its_line_is_with_and_without_a_truth(run_folder):
+    run = read_run(run_folder)
+    axes = draw_errors(run.scene, "agent1", run.agents["agent1"]).axes[-1]
+    assert axes.get_ylabel() == "surfaces"
+    assert axes.get_legend().get_texts()[0].get_text() == "detected"

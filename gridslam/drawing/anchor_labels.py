@@ -1,0 +1,60 @@
+"""Anchors with their names, which stand clear of walls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
+
+from gridslam.arrays import Array
+from gridslam.world.geometry import distance_to_segments
+from gridslam.world.scene import Scene
+
+SIDES = np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
+"""Beside an anchor, where its name may stand; the first that is clear is taken."""
+ACROSS = 0.045
+"""How far off the middle of a name lies, of the width that the axes show."""
+ASIDE_POINTS = 6.0, 5.0
+
+
+def anchors(axes: Axes, scene: Scene, size: float = 8.0) -> None:
+    """Anchors with their names; the limits of the axes are those of what is shown.
+
+    Parameters
+    ----------
+    size : float, points
+        Of their marks.
+    """
+    place = scene.anchor_positions
+    axes.plot(*place.T, "^", color="k", mec="w", ms=size, ls="", label="anchors", zorder=6)
+    halo = [withStroke(linewidth=2, foreground="w")]
+    style: dict[str, Any] = {"fontsize": "small", "path_effects": halo, "zorder": 6}
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    corners = np.array([[left, low], [right, high]])
+    for name, where in zip(scene.anchor_names, place, strict=True):
+        x, y = side_of(where, scene, corners)
+        aside = (x * ASIDE_POINTS[0], y * ASIDE_POINTS[1])
+        align: dict[str, Any] = {"ha": "left" if x > 0 else "right", "va": "bottom" if y > 0 else "top"}
+        axes.annotate(name, where, aside, textcoords="offset points", annotation_clip=True, **align, **style)
+
+
+def side_of(place: Array, scene: Scene, corners: Array) -> Array:
+    """On which side of an anchor at `place` (2,) m its name meets no wall: signs (2,) of x and y.
+
+    If none is clear, the one farthest from walls.
+
+    Parameters
+    ----------
+    corners : (2, 2) m
+        Lower left and upper right of what is shown.
+    """
+    walls, reach = scene.segments(), ACROSS * float(np.ptp(corners[:, 0]))
+    middle = place + reach * SIDES
+    inside = ((middle > corners[0]) & (middle < corners[1])).all(1)
+    room = np.full(len(SIDES), np.inf)
+    if len(walls):
+        room = distance_to_segments(middle, walls.start, walls.end).min(-1)
+    room = np.where(inside, np.minimum(room, 0.6 * reach), -1.0)
+    return np.asarray(SIDES[int(room.argmax())])
