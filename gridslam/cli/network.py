@@ -146,7 +146,11 @@ def _lines(scores: dict[str, Any]) -> list[str]:
     """How good clocks and labels are."""
     lines = []
     if scores["apparent_bias_rmse_ps"] is not None:
-        bound = "" if scores["bound_ps"] is None else f" (bound {scores['bound_ps']:.0f})"
+        bound = (
+            ""
+            if scores["bound_ps"] is None
+            else f" (bound of clocks that walk by all of walk_ns: {scores['bound_ps']:.0f})"
+        )
         lines.append(f"apparent biases: {scores['apparent_bias_rmse_ps']:.0f} ps{bound}")
     if scores["steps_to_synchronise"] is not None:
         each = (f"{k} {'never' if v is None else v}" for k, v in scores["steps_to_synchronise"].items())

@@ -227,7 +227,7 @@ def draw_rays(own: Sequence[Batch]) -> Figure:
             panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=title_of(batch, own))
             panel.plot(batch.mean("ray_belief")[anchor], color=color, ls=style, **PALE)
         likely = [batch.benchmark.likely_rays[anchor] for batch in own]
-        draw_bound(panel, likely, "true ones that are likelier heard than missed", KNOWN)
+        draw_bound(panel, likely, "true, likelier heard than missed", KNOWN)
         draw_bound(panel, [batch.benchmark.rays[anchor] for batch in own], "true paths")
         panel.set_ylabel(f"paths of {name}")
         panel.grid(alpha=0.3)

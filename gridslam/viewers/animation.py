@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
@@ -19,12 +20,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from gridslam.drawing.anchor_labels import anchors
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, scatterers
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PURPLE, scatterers
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, put_in_place
 from gridslam.runs.run_files import AgentFiles
-from gridslam.viewers.plots import STRENGTH
+from gridslam.viewers.plots import STRENGTH, measures_amplitudes
 from gridslam.viewers.signal_plots import BELIEVED
 from gridslam.wording import counted
 from gridslam.world.geometry import unit
@@ -149,9 +150,9 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     paths = now.paths.take(now.paths.existence > BELIEVED)
     rays = [row[~np.isnan(row[:, 0])] for row in paths.points]
     level = 20 * np.log10(np.maximum(paths.amplitude, 1e-3))
-    axes.add_collection(
-        LineCollection(rays, array=level, cmap=STRENGTH, norm=Normalize(6, 40), lw=0.7, alpha=0.7)
-    )
+    by_strength: dict[str, Any] = {"array": level, "cmap": STRENGTH, "norm": Normalize(6, 40)}
+    look = by_strength if measures_amplitudes(found) else {"color": PURPLE}
+    axes.add_collection(LineCollection(rays, lw=0.7, alpha=0.7, **look))
     known = now.surfaces.take(now.detected)
     shown = replace(found.map, surfaces=known, surface_reflection=None, surface_covariance=None)
     ends = shown.wall_segments().ends_m

@@ -16,6 +16,7 @@ from gridslam.simulation.image_source import Truth
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
+TRULY = "truly in sight"
 SIGHT = (-1, -1)
 """Surfaces of a line of sight."""
 KINDS = {MIRROR: ("mirror", BLUE, "x"), SCATTERER: ("scatterer", ORANGE, "+"), FREE: ("free", PURPLE, "1")}
@@ -37,15 +38,17 @@ def draw_sights(
         found = [(e.paths.existence[r], e.paths.amplitude[r]) for e, r in zip(estimates, rows, strict=True)]
         pairs = np.array([[*one[0][:1], *one[1][:1]] if len(one[0]) else [0, np.nan] for one in found])
         seen.plot(steps, pairs[:, 0], color=BLUE, lw=1.2)
-        seen.set(ylabel=f"{scene.anchor_names[anchor]}: visible", ylim=(-0.05, 1.05))
+        seen.set(ylabel=f"{scene.anchor_names[anchor]}: in sight", ylim=(-0.05, 1.05))
         shown = np.where(pairs[:, 0] > 0.5, pairs[:, 1], np.nan)
         power.plot(steps, 20 * np.log10(np.maximum(shown, 1e-3)), color=BLUE, lw=1.2, label="estimated")
         power.set(ylabel="SNR (dB)")
         if truth is not None:
             level = true_sight(truth, anchor, len(steps))
             power.plot(steps, 20 * np.log10(level), "k--", lw=0.9, label="true")
-            seen.fill_between(steps, -0.05, 1.05, where=~np.isnan(level), color="0.9", step="mid")
-            power.legend(ncols=2, fontsize="small", frameon=False)
+            there = ~np.isnan(level)
+            area = seen.fill_between(steps, -0.05, 1.05, where=there, color="0.9", step="mid", label=TRULY)
+            named = [*power.get_legend_handles_labels()[0], area]
+            power.legend(handles=named, ncols=3, fontsize="small", frameon=False)
         for axes in (seen, power):
             axes.grid(alpha=0.3)
     panels[-1, 1].set_xlabel("step")
@@ -70,13 +73,15 @@ def draw_features(
     axes = figure.subplots()
     axes.set_aspect("equal")
     pieces = scene.segments()
-    for piece in np.stack([pieces.start, pieces.end], 1):
-        axes.plot(*piece.T, color="k", lw=1.2)
+    for number, piece in enumerate(np.stack([pieces.start, pieces.end], 1)):
+        axes.plot(*piece.T, color="k", lw=1.2, label=None if number else "true walls")
     scatterers(axes, scene, "k")
     if truth is not None:
         axes.plot(*truth.position_m.T, color="0.6", lw=2.4, label="true track")
     axes.plot(*trajectory.position_m.T, color=GREEN, lw=1.0, label="estimated track")
     axes.plot(*scene.anchor_positions.T, "^", color=ORANGE, label="anchors")
+    for name, place in zip(scene.anchor_names, scene.anchor_positions, strict=True):
+        axes.annotate(name, place, (6, 5), textcoords="offset points", fontsize="small")
     size = 4 + 8 * np.sqrt(features.variance / max(features.variance.max(initial=0), 1e-300))
     for kind, (name, color, marker) in KINDS.items():
         rows = np.flatnonzero(features.kind == kind)
@@ -84,6 +89,6 @@ def draw_features(
             look: dict[str, Any] = {"color": color, "marker": marker, "ms": size[row], "ls": "none"}
             axes.plot(*features.position_m[row], **look, label=name if row == rows[0] else None)
             ellipse(axes, features.position_m[row], features.covariance[row, :2, :2], color)
-    axes.legend(fontsize="small", frameon=False)
+    figure.legend(loc="outside lower center", ncols=4, fontsize="small", frameon=False)
     axes.set(xlabel="x (m)", ylabel="y (m)")
     return figure

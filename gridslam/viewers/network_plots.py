@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from gridslam.drawing.map_figure import PAGE_IN, blank
 from gridslam.runs.clock_track import ClockTrack
@@ -42,8 +44,11 @@ def draw_clocks(clocks: ClockTrack, truth: ClockTruth | None, width: float = PAG
         rows[1].set_ylim(-2 * settled, 2 * settled)
         rows[1].set_ylabel("error without the\ncommon part (ns)")
     rows[-1].set_xlabel("time (s)")
-    columns = min(devices, 7 if width >= PAGE_IN else 4)
-    figure.legend(loc="outside upper center", ncols=columns, fontsize="small", frameon=False)
+    handles: list[Artist] = list(rows[0].get_legend_handles_labels()[0])
+    if truth is not None:
+        handles.append(Patch(fc="k", alpha=0.3, lw=0, label="three standard deviations"))
+    columns = min(devices + 1, 7 if width >= PAGE_IN else 4)
+    figure.legend(handles=handles, loc="outside upper center", ncols=columns, fontsize="small", frameon=False)
     return figure
 
 
@@ -82,8 +87,9 @@ def draw_labels(run: RunFiles, width: float = PAGE_IN) -> Figure:
             there = points[~np.isnan(points[:, 0])]
             axes.plot(*there.T, color=COLOURS[number % len(COLOURS)], lw=0.9)
         axes.plot(*own.position_m, "o", color="k", mfc="w", ms=6, zorder=5)
+    axes.plot([], [], "o", color="k", mfc="w", ms=6, label="agents")
     for number, anchor in enumerate(run.scene.anchors):
-        axes.plot([], [], color=COLOURS[number % len(COLOURS)], label=anchor.name)
+        axes.plot([], [], color=COLOURS[number % len(COLOURS)], label=f"taken for {anchor.name}'s")
     return _finished(figure, axes, run)
 
 

@@ -88,6 +88,7 @@ def draw_rays(
     window = window_of(found.map, scene)
     figure = sized(window, len(panels), width)
     low = scene.radio.detection_threshold_db
+    silent = not measures_amplitudes(found)
     levels = [20 * np.log10(np.maximum(amplitude, 1e-6)) for _, _, amplitude, _ in panels]
     high = max([low + 10, *(level.max() for level in levels if len(level))])
     scale = Normalize(low, 5 * np.ceil(high / 5))
@@ -97,7 +98,10 @@ def draw_rays(
         order = np.argsort(level)  # the strongest on top
         lines = [row[~np.isnan(row[:, 0])] for row in points[order]]
         thick = 0.6 + 1.4 * np.clip(scale(level[order]), 0, 1)
-        axes.add_collection(LineCollection(lines, array=level[order], cmap=STRENGTH, norm=scale, lw=thick))
+        look: dict[str, Any] = {"array": level[order], "cmap": STRENGTH, "norm": scale, "lw": thick}
+        if not number and silent:  # what is believed of their strength, nothing has told
+            look, title = {"color": BLUE, "lw": 0.8}, f"{title}, no amplitude measured"
+        axes.add_collection(LineCollection(lines, **look))
         axes.plot(*place, "o", color="k", mfc="w", ms=6, label="agent", zorder=5)
         frame(axes, window)
         anchors(axes, scene)
@@ -109,6 +113,12 @@ def draw_rays(
     weak = any((level < low).any() for level in levels)
     colorbar(figure, figure.axes[-1], ScalarMappable(scale, STRENGTH), "SNR (dB)", weak)
     return figure
+
+
+def measures_amplitudes(found: AgentFiles) -> bool:
+    """Whether anything told how strong paths are."""
+    heard = found.measurements
+    return isinstance(heard, Recording) or not len(heard.step) or bool(np.isfinite(heard.amplitude).any())
 
 
 def draw_errors(

@@ -50,10 +50,12 @@ def test_every_feature_has_a_mark_and_an_ellipse(screen):
         np.array([[1.0, 2.0], [3.0, 1.0], [4.0, 4.0]]), one, one, one, square,
         np.array([0, 1, 2]), np.ones(count, int), np.ones(count, int),
     )  # fmt: skip
-    axes = draw_features(scene, table, truth.trajectory).axes[0]
+    figure = draw_features(scene, table, truth.trajectory)
+    axes, (legend,) = figure.axes[0], figure.legends
     assert len(axes.patches) == count
-    names = [text.get_text() for text in axes.get_legend().get_texts()]
-    assert {"mirror", "scatterer", "free"} <= set(names)
+    names = [text.get_text() for text in legend.get_texts()]
+    assert {"true walls", "mirror", "scatterer", "free"} <= set(names)
+    assert {text.get_text() for text in axes.texts} == set(scene.anchor_names)
     assert draw_features(scene, table.take([]), truth.trajectory, truth.trajectory).axes
 
 

@@ -21,7 +21,7 @@ from gridslam.importers.geojson import write_surfaces
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import read_run, write_run
 from gridslam.viewers.animation import animate, film_ending
-from gridslam.viewers.plots import draw_errors
+from gridslam.viewers.plots import draw_errors, draw_rays
 from gridslam.viewers.report import surface_table, write_report
 
 STEPS = 5
@@ -233,6 +233,18 @@ def test_a_report_made_again_replaces_the_earlier_one_and_no_other_page(run_fold
     with pytest.raises(InputError, match=r"report\.html: found something of this name"):
         write_report(run_folder, moving=False)
     assert write_report(run_folder, moving=False, overwrite=True).read_bytes() == first
+
+
+def test_paths_of_which_no_amplitude_was_measured_are_not_drawn_by_strength(run_folder):
+    run = read_run(run_folder)
+    own = run.agents["agent1"]
+    nothing = np.full(len(own.measurements.step), np.nan)
+    silent = replace(own, measurements=replace(own.measurements, amplitude=nothing))
+    for found, by_strength in ((own, True), (silent, False)):
+        axes = draw_rays(run.scene, "agent1", found).axes[0]
+        (rays,) = (one for one in axes.collections if one.get_label() != "true walls")
+        assert (rays.get_array() is not None) == by_strength
+        assert ("no amplitude measured" in axes.get_title()) != by_strength
 
 
 def test_the_panel_of_surfaces_says_what_its_line_is_with_and_without_a_truth(run_folder):
