@@ -73,7 +73,7 @@ class Map(MapCells):
         names = ", ".join(map(str, who)) if isinstance(who, list) and who else "unknown agents"
         surfaces = len(self.surfaces) if self.surfaces is not None else 0
         points = 0 if self.features is None else len(self.features)
-        learned = f", {counted(points, 'feature')} (where paths off no surface come from)" if points else ""
+        learned = f", {counted(points, 'feature')} (points that paths seem to come from)" if points else ""
         learned += f"; told the {self.truth_given}" if self.truth_given else ""
         learned += f"; {self.lost} was lost" if self.lost else ""
         twice = repeated_run(self)

@@ -329,7 +329,9 @@ def _imported(path: str, where: str) -> object:
         ) from None
     for part in name.split("."):
         if not hasattr(found, part):
-            raise InputError(where, f"no {name} in {module}", OWN)
+            own = [key for key, it in vars(found).items() if getattr(it, "__module__", "") == module]
+            there = ", ".join(key for key in own if hasattr(getattr(found, key), "step"))
+            raise InputError(where, f"no {name} in {module}", f"{OWN}, here of {there}" if there else OWN)
         found = getattr(found, part)
     return found
 

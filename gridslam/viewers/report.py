@@ -35,11 +35,11 @@ details { margin: .6rem 0 } .wide { overflow-x: auto } details td { white-space:
 """
 SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "steps": ("steps", "{:.0f}".format),
-    "position_rmse_m": ("position, RMSE", lambda v: f"{100 * v:.1f} cm"),
-    "position_bound_m": ("position, known-map bound", lambda v: f"{100 * v:.1f} cm"),
-    "position_std_m": ("position, own standard deviation", lambda v: f"{100 * v:.1f} cm"),
-    "position_p95_m": ("position, 95 %", lambda v: f"{100 * v:.1f} cm"),
-    "final_position_error_m": ("position, at the end", lambda v: f"{100 * v:.1f} cm"),
+    "position_rmse_m": ("position, RMSE", lambda v: f"{100 * v:.2f} cm"),
+    "position_bound_m": ("position, known-map bound", lambda v: f"{100 * v:.2f} cm"),
+    "position_std_m": ("position, own standard deviation", lambda v: f"{100 * v:.2f} cm"),
+    "position_p95_m": ("position, 95 %", lambda v: f"{100 * v:.2f} cm"),
+    "final_position_error_m": ("position, at the end", lambda v: f"{100 * v:.2f} cm"),
     "heading_rmse_deg": ("heading, RMSE", "{:.2f} deg".format),
     "heading_bound_deg": ("heading, known-map bound", "{:.2f} deg".format),
     "heading_std_deg": ("heading, own standard deviation", "{:.2f} deg".format),

@@ -44,7 +44,7 @@ def test_features_come_back_from_a_file(tmp_path):
         np.testing.assert_array_equal(getattr(found.features, field.name), getattr(table, field.name))
     np.testing.assert_array_equal(found.feature_covariance, joint)
     assert found.in_words().endswith(
-        f"1 surface, {len(table)} features (where paths off no surface come from)"
+        f"1 surface, {len(table)} features (points that paths seem to come from)"
     )
 
 

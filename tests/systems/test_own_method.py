@@ -220,6 +220,12 @@ def test_packages_enter_methods_by_entry_points(tmp_path, monkeypatch, entered, 
         gs.map_scene(SCENE, MEASUREMENTS, asked)
 
 
+def test_a_class_with_a_slip_in_its_name_is_told_which_ones_are_there(monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    with pytest.raises(gs.InputError, match="found no SightFilt in own_method; .* here of SightFilter$"):
+        registry.method_class("own_method:SightFilt")
+
+
 def test_a_study_takes_a_class_by_name_and_refuses_one_that_workers_cannot_find():
     from gridslam.studies.study import Study
 
