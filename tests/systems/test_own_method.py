@@ -222,7 +222,7 @@ def test_packages_enter_methods_by_entry_points(tmp_path, monkeypatch, entered, 
 
 def test_a_class_with_a_slip_in_its_name_is_told_which_ones_are_there(monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
-    with pytest.raises(gs.InputError, match="found no SightFilt in own_method; .* here of SightFilter$"):
+    with pytest.raises(gs.InputError, match=r"found no SightFilt in own_method; .* here of SightFilter$"):
         registry.method_class("own_method:SightFilt")
 
 
