@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_errors import RangeError
 from gridslam.world.columns import Columns
@@ -17,6 +19,15 @@ there which reading is right; the share only keeps chance from being called a fi
 def least_share(scene: Scene) -> float:
     """Share of scans that must be explained for something to fit this scene."""
     return FITTING if scene.walls else BLIND
+
+
+def tells_place(table: Columns) -> bool:
+    """Whether lines of sight tell where an agent is that starts anywhere near: not by one anchor without AoD.
+
+    By length and AoA alone it may go around the anchor, facing the other way as it does.
+    """
+    leaving = table.get("aod_rad")
+    return (leaving is not None and bool(np.isfinite(leaving).any())) or len(np.unique(table["anchor"])) > 1
 
 
 def settled(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.checks.diagnose import suspicions
-from gridslam.checks.fit import FITTING, least_share, settled
+from gridslam.checks.fit import BLIND, FITTING, least_share, settled, tells_place
 from gridslam.checks.line_of_sight_filter import explain
 from gridslam.checks.rivals import CERTAIN, both_measured, orders, range_cure, range_errors
 from gridslam.measurements.observations import Observations
@@ -48,11 +48,11 @@ def fits_scene(scene: Scene, agent: str, observations: Observations) -> bool:
     table = _table(scene, observations)
     if table is None:
         return True
-    if scene.walls:
+    if scene.walls and tells_place(table):
         return settled(table, scene, agent).explained >= least_share(scene)
-    # without walls nobody knows how much can be explained: but more than chance, and than by other names
+    # nobody knows when walls hide an anchor: but more than chance must be explained, and than by other names
     sight = explain(table, scene, agent)
-    if sight.explained < least_share(scene) or sight.evidence < 0:
+    if sight.explained < BLIND or sight.evidence < 0:
         return False
     renamed = (table | {"anchor": np.array(order)[table["anchor"]]} for order in orders(len(scene.anchors)))
     return all(explain(one, scene, agent).evidence < sight.evidence + CERTAIN for one in renamed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.checks.fit import BLIND, FITTING, settled
+from gridslam.checks.fit import BLIND, FITTING, settled, tells_place
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
 from gridslam.checks.turned_anchors import UNSEEN
@@ -60,6 +60,9 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     if seen.explained < BLIND or seen.scans < FEW:
         whether = "whether units and frames are right; no single cure explains the rows"
         return f"{UNSURE}{line}: too few to tell {whether}"
+    if scene.walls and not tells_place(table) and seen.evidence > 0:
+        where = "one anchor, without angles of departure, doesn't tell where the agent is"
+        return f"{UNSURE}{line}: {where}, so that nobody knows when walls hide the anchor"
     if scene.walls:
         return f"suspect: {line}: does not fit the scene, and no single cure explains the rows"
     unseen = _never_seen(table, scene, agent, seen)

@@ -73,7 +73,7 @@ def check(
         lines = describe_network(file, world)
     else:
         lines = (describe_signal if samples else describe)(file, world, agent)
-    if world is None:
+    if world is None and not any(line.startswith("line of sight") for line in lines):
         lines.append(
             "not told without a scene: whether units, angles and anchors' names fit, by lines of sight: add "
             "--scene SCENE (a bundled name or a scene file)"

@@ -84,8 +84,14 @@ def received(
     }
     label = np.concatenate([detected, np.full(total, -1)])
     columns = {name: np.concatenate([table[name], false[name]]) for name in table}
-    for angle, std in (("aod_rad", aod_std), ("aoa_rad", aoa_std)):  # a lone antenna measures no angle
-        columns[angle][: len(detected)][~np.isfinite(std)] = np.nan
+    apertures = signal.anchor_aperture[false["anchor"]]
+    for angle, std, aperture in (
+        ("aod_rad", aod_std, apertures),
+        ("aoa_rad", aoa_std, signal.agent_aperture),
+    ):
+        # a lone antenna measures no angle, of clutter neither
+        wild = signal.angle_std(false["amplitude"], false[angle], aperture, np.ones(total))
+        columns[angle][~np.isfinite(np.concatenate([std, wild]))] = np.nan
     if scene.radio.reports_std:
         columns |= _own_deviations(columns, signal, heights)
     for quantity, name in (("aod", "aod_rad"), ("aoa", "aoa_rad"), ("amplitude", "amplitude")):

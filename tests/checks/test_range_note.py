@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.checks.diagnose import describe
 from gridslam.checks.range_note import fits_scene, range_note
 
 ROOM = gs.Scene.load("room")
@@ -63,3 +64,15 @@ def test_exchanged_anchors_do_not_fit_and_right_ones_do():
         scene = ROOM.model_copy(update={"walls": walls})
         assert fits_scene(scene, "agent1", measurements)
         assert not fits_scene(scene, "agent1", exchanged)
+
+
+def test_one_anchor_without_departures_is_not_judged_by_when_walls_hide_it(tmp_path):
+    """By length and AoA alone the agent may go around the anchor: `check` called such tables suspect."""
+    scene = gs.Scene.load("screen")
+    measurements = gs.simulate(scene, "agent1", 1)
+    assert np.isnan(measurements.aod_rad).all()
+    assert fits_scene(scene, "agent1", measurements)
+    measurements.to_csv(tmp_path / "a.csv")
+    assert describe(tmp_path / "a.csv", scene)[-1].startswith("unsure: line of sight to the anchors in ")
+    turned = replace(measurements, aoa_rad=np.random.default_rng(1).permutation(measurements.aoa_rad))
+    assert not fits_scene(scene, "agent1", turned)
