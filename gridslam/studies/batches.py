@@ -129,10 +129,29 @@ class Batch:
         return sum(bool(record["agents"][self.agent]["scores"]["diverged"]) for record in self.records)
 
     def mapped(self, values: Array) -> Array:
-        """Scores of surfaces (..., N): as they are, or NaN of a method that maps none."""
-        scores = [record["agents"][self.agent]["scores"] for record in self.records]
-        maps = any(own.get("surfaces_detected", 0) is not None for own in scores)
-        return values if maps else np.full_like(values, np.nan)
+        """Scores of surfaces (..., N): as they are, or NaN of a method that maps none, or none at its steps.
+
+        From features surfaces follow at the end.
+        """
+        maps = any(one is not None for one in self._found)
+        return values if maps and not self._maps_late else np.full_like(values, np.nan)
+
+    @property
+    def _found(self) -> list[int | None]:
+        """Surfaces at the end of each run."""
+        return [record["agents"][self.agent]["scores"].get("surfaces_detected", 0) for record in self.records]
+
+    @property
+    def _maps_late(self) -> bool:
+        return any(self._found) and not bool((self.steps["surfaces"] > 0).any())
+
+    @property
+    def surface_ospa_m(self) -> float:
+        """OSPA distance of surfaces at the end, mean over the runs, m; NaN of a method that maps none."""
+        told = self.mapped(self.mean("surface_ospa_m"))[-1]
+        scores = [record["agents"][self.agent]["scores"].get("surface_ospa_m") for record in self.records]
+        own = [one for one in scores if one is not None]
+        return float(np.mean(own)) if own and self._maps_late else float(told)
 
     @property
     def band(self) -> tuple[float, float]:

@@ -100,7 +100,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "heading_to_known_map_bound": _level(heading) / _level(mark.known.heading_rad[late]),
                 "heading_to_bound": _level(heading) / _level(mark.unknown.heading_rad[late]),
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
-                "surface_ospa_m": float(batch.mapped(batch.mean("surface_ospa_m"))[-1]),
+                "surface_ospa_m": batch.surface_ospa_m,
                 "image_ospa_m": float(batch.mapped(batch.mean("image_ospa_m"))[late].mean()),
                 "ray_excess": float((batch.mean("rays") - mark.rays[:, :size])[:, late].mean()),
                 "likely_ray_excess": float((batch.mean("rays") - mark.likely_rays[:, :size])[:, late].mean()),

@@ -59,6 +59,11 @@ def test_tables_add_up(scene, tmp_path):
     bare = summary_rows(found)[0]
     assert np.isnan([bare["image_ospa_m"], bare["surface_ospa_m"]]).all()
     assert bare["ray_excess"] == 1
+    found[0].steps["surfaces"][:] = 0  # as of features, from which surfaces follow at the end
+    for record in found[0].records:
+        record["agents"][found[0].agent]["scores"] |= {"surfaces_detected": 2, "surface_ospa_m": 0.04}
+    late = summary_rows(found)[0]
+    assert (late["surface_ospa_m"], np.isnan(late["image_ospa_m"])) == (pytest.approx(0.04), True)
     assert row["likely_ray_excess"] >= 1
     assert row["position_rmse_m"] == pytest.approx(0.02 * np.sqrt(7.5))
     assert row["position_to_bound"] < row["position_to_known_map_bound"]
