@@ -141,8 +141,10 @@ def draw_cdf(own: Sequence[Batch]) -> Figure:
     return figure
 
 
-def draw_mospa(own: Sequence[Batch]) -> Figure:
-    """MOSPA of surfaces and virtual anchors, number of surfaces ([Li2025adaptive], Figs. 6a, 4b)."""
+def draw_mospa(own: Sequence[Batch]) -> Figure | None:
+    """MOSPA of surfaces and virtual anchors, and their number, if told ([Li2025adaptive], Figs. 6a, 4b)."""
+    if all(np.isnan(batch.mapped(batch.mean("surfaces"))).all() for batch in own):
+        return None
     figure = blank(8, 8.5)
     distance, image, count = figure.subplots(3, 1, sharex=True)
     for number, batch in enumerate(own):

@@ -180,7 +180,9 @@ def test_a_study_of_a_method_that_maps_no_surfaces_draws_without_a_warning():
     none = {name: np.full_like(v, np.nan) for name, v in own[0].steps.items() if name in MAPPED}
     with warnings.catch_warnings():
         warnings.simplefilter("error", UserWarning)
-        encoded(draw_mospa([replace(own[0], steps=own[0].steps | none)]))
+        bare = replace(own[0], steps=own[0].steps | none)
+        encoded(draw_mospa([own[0], bare]))
+        assert draw_mospa([bare]) is None, "empty panels"
 
 
 @pytest.mark.slow
