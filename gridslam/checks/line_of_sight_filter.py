@@ -1,23 +1,23 @@
 """How well the line of sight to known anchors explains what was heard: a small particle filter of its own.
 
-It knows nothing of walls, so it works before any map does, and it is blunt on purpose: the standard
-deviations are wide, and a scan whose line of sight is blocked costs little. Its evidence compares readings of
-the same table (radians or degrees, metres or seconds).
+It knows nothing of walls, so it works before any map does, and it is blunt on purpose: a scan whose line of
+sight is blocked costs little. Its evidence compares readings of the same table (radians or degrees, metres or
+seconds).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.checks.range_errors import RangeError
+from gridslam.checks.sight_likelihood import QUANTITIES, SightLikelihood
 from gridslam.checks.views import in_view
-from gridslam.world.geometry import slant, unit, wrap
-from gridslam.world.radio import SPEED_OF_LIGHT
+from gridslam.world.geometry import slant, unit
 from gridslam.world.scene import Scene
 
 PARTICLES, STEPS = 300, 100
@@ -29,13 +29,10 @@ DETECTED_BEHIND = 0.3
 """The same where the scene's walls hide the anchor from the middle of the particles, bluntly."""
 LASTING = 0.9
 """Correlation of a particle's velocity from step to step, where it keeps any."""
-ANGLE_STD = np.radians(5.0)
-LEAST_DISTANCE_STD_M = 0.1
 CROWD = 4
 """Times as many particles where the size of an error is looked for, too."""
 LEAST_SEEN, LEAST_SEEN_THOROUGH = 0.3, 0.15
 """Share of the scans that walls must leave in sight for the others not to be judged."""
-QUANTITIES = ("distance_m", "aod_rad", "aoa_rad")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,88 +118,64 @@ def explain(
         evidence by themselves: only equal numbers can be compared.
     """
     draw = np.random.default_rng(0)
-    position, heading, pace = _start(scene, agent, draw, crowd or (1 if error is None else CROWD))
+    some = _start(scene, agent, draw, crowd or (1 if error is None else CROWD))
     if starts is not None:
-        position, heading = starts[:, :2], starts[:, 2]
         pace = _paces(scene.agent(agent).step_m if agent is not None else 0.1, len(starts))
-    begun = np.column_stack([position, heading])
-    size = error.start(len(position), draw) if error is not None else None
-    walls, stands, orientations = scene.segments(), scene.anchor_positions, scene.anchor_orientations
-    turn, heights = np.radians(scene.filter.heading_deg), scene.heights(agent)
-    step, anchor = columns["step"], columns["anchor"]
-    first = int(step[0]) if len(step) else 0
-    used = np.flatnonzero(step < first + steps)
-    weight = np.full(len(position), 1 / len(position))
-    quantities = {name: _quantity(columns, name, scene) for name in QUANTITIES if name in columns}
-    going, lasting = np.zeros_like(position), LASTING if thorough else 0.0
-    evidence, rows, ranges, chances, track = 0.0, [], [], [], []
-    bounds = np.flatnonzero(np.diff(step[used])) + 1
-    before = first
-    for group in np.split(used, bounds) if len(used) else []:
-        gap = np.sqrt(max(int(step[group[0]]) - before, 1))
-        before = int(step[group[0]])
-        going = lasting * going + np.sqrt(1 - lasting**2) * draw.standard_normal(position.shape)
-        position = position + gap * pace[:, None] * going
-        heading = heading + gap * turn * draw.standard_normal(len(heading))
-        score = np.zeros(len(position))
-        scans, there = [], np.unique(anchor[group])
-        viewpoints = position if thorough else position.mean(0, keepdims=True)
-        seen = in_view(stands[there, None], viewpoints, walls)
-        for number, expectation in zip(there, np.where(seen, DETECTED, DETECTED_BEHIND), strict=True):
-            own = group[anchor[group] == number]
-            away = position - stands[number]
-            direction = np.arctan2(away[:, 1], away[:, 0])
-            level, height = np.hypot(*away.T), float(heights[number])
-            distance = slant(level, height)
-            if error is not None and size is not None:
-                distance = error.spoilt(level, size, int(number), height)
-            ahead = direction - orientations[number]
-            behind = direction + (np.pi if world_arrival else np.pi - heading)
-            expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))
-            ratio = _ratio(quantities, own, expected)
-            total = (1 - expectation) + expectation * ratio.sum(1) / len(own)
-            score += np.log(total)
-            scans.append((own, distance, (expectation / total / len(own))[:, None] * ratio))
-        peak = score.max()
-        weight = weight * np.exp(score - peak)
-        evidence += peak + np.log(weight.sum())
+        some = _Particles.at(starts[:, :2], starts[:, 2], pace)
+    if error is not None:
+        some = replace(some, size_m=error.start(len(some.heading), draw))
+    scans, likelihood = _Scans.of(columns, steps), SightLikelihood.of(columns, scene)
+    walls, stands, heights = scene.segments(), scene.anchor_positions, scene.heights(agent)
+    turn, lasting = np.radians(scene.filter.heading_deg), LASTING if thorough else 0.0
+    evidence, track = 0.0, list[Array]()
+    likeliest, ranges, chances = list[int](), list[float](), list[float]()
+    for after, anchors, rows, count in scans:
+        some = some.moved(after, lasting, turn, draw)
+        viewpoints = some.position if thorough else some.position.mean(0, keepdims=True)
+        seen = in_view(stands[anchors, None], viewpoints, walls)
+        away = some.position - stands[anchors, None]
+        direction = np.arctan2(away[..., 1], away[..., 0])
+        distance = some.distances(away, anchors, heights[anchors], error)
+        ahead = direction - scene.anchor_orientations[anchors, None]
+        behind = direction + (np.pi if world_arrival else np.pi - some.heading)
+        expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))
+        ratio = likelihood.ratio(rows, np.repeat(np.arange(len(anchors)), count), expected)
+        expectation, first = np.where(seen, DETECTED, DETECTED_BEHIND), np.cumsum(count) - count
+        total = 1 - expectation + expectation * np.add.reduceat(ratio, first) / count[:, None]
+        score = np.log(total).sum(0)
+        weight = np.exp(score - score.max())
+        evidence += score.max() + np.log(weight.mean())
         weight /= weight.sum()
-        for own, distance, share in scans:
-            chance = weight @ share
-            rows.append(own[chance.argmax()])
-            ranges.append(float(weight @ distance))
-            chances.append(float(chance.sum()))
-        track.append(weight @ position)
-        # systematic resampling; of many starts few are left once these steps have told them apart
+        for scan, share in enumerate(expectation * weight / total / count[:, None]):
+            own = slice(first[scan], first[scan] + count[scan])
+            chance = ratio[own] @ share
+            likeliest.append(rows[own][chance.argmax()])
+            chances.append(chance.sum())
+        ranges.extend((distance @ weight).tolist())
+        track.append(weight @ some.position)
+        # of many starts few are left once these steps have told them apart
         left = PARTICLES if starts is not None and len(track) >= TOLD_APART else len(weight)
-        places = (draw.random() + np.arange(left)) / left
-        chosen = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
-        position, heading, pace, going = position[chosen], heading[chosen], pace[chosen], going[chosen]
-        begun = begun[chosen]
-        weight = np.full(len(chosen), 1 / len(chosen))
-        if error is not None and size is not None:
-            size = error.redrawn(size[chosen], draw)
-    row, chance, places = np.array(rows, dtype=np.intp), np.array(chances), np.reshape(track, (-1, 2))
+        some = some.drawn(weight, left, error, draw)
+    row, chance, places = np.array(likeliest, np.intp), np.array(chances), np.reshape(track, (-1, 2))
+    step, anchor = columns["step"][row], columns["anchor"][row]
     least = LEAST_SEEN_THOROUGH if thorough else LEAST_SEEN
-    judged = _in_sight(scene, anchor[row], places[np.unique(step[row], return_inverse=True)[1]], least)
+    judged = _in_sight(scene, anchor, places[np.unique(step, return_inverse=True)[1]], least)
     shares = [
-        chance[judged & (anchor[row] == number)].mean()
-        if (judged & (anchor[row] == number)).any()
-        else np.nan
+        chance[judged & (anchor == number)].mean() if (judged & (anchor == number)).any() else np.nan
         for number in range(len(scene.anchors))
     ]
     return Sight(
         float(evidence),
-        len(rows),
+        len(row),
         float(chance[judged].mean()) if len(row) else 0.0,
         row,
         np.array(ranges),
         chance,
         places,
         np.array(shares),
-        float(size.mean()) if size is not None else 0.0,
-        np.array([*begun[:, :2].mean(0), np.angle(np.exp(1j * begun[:, 2]).mean())]),
-        steps if len(used) < len(step) else None,
+        float(some.size_m.mean()) if some.size_m is not None else 0.0,
+        np.array([*some.begun[:, :2].mean(0), np.angle(np.exp(1j * some.begun[:, 2]).mean())]),
+        steps if len(scans.rows) < len(columns["step"]) else None,
     )
 
 
@@ -212,20 +185,124 @@ def _in_sight(scene: Scene, anchor: NDArray[np.intp], position: Array, least: fl
     return clear if clear.sum() >= max(least * len(clear), 1) else np.ones(len(anchor), dtype=bool)
 
 
-def _start(
-    scene: Scene, agent: str | None, draw: np.random.Generator, times: int
-) -> tuple[Array, Array, Array]:
-    """Positions, headings and paces (std of a step, m) of the particles, `times` as many as usual."""
+@dataclass(frozen=True, eq=False)
+class _Scans:
+    """The rows of a table's first steps, by step and anchor.
+
+    Attributes
+    ----------
+    rows : (R,) int
+        Indices into the table.
+    step, anchor, count : (S,) int
+        Of each scan, and how many rows it has.
+    begin : int
+        The table's first step.
+    """
+
+    rows: NDArray[np.intp]
+    step: NDArray[np.intp]
+    anchor: NDArray[np.intp]
+    count: NDArray[np.intp]
+    begin: int
+
+    @classmethod
+    def of(cls, columns: Mapping[str, NDArray], steps: int) -> _Scans:
+        step, anchor = np.asarray(columns["step"], np.intp), np.asarray(columns["anchor"], np.intp)
+        begin = int(step[0]) if len(step) else 0
+        rows = np.flatnonzero(step < begin + steps)
+        rows = rows[np.lexsort((anchor[rows], step[rows]))]
+        first = np.flatnonzero(np.diff(step[rows], prepend=-1) | np.diff(anchor[rows], prepend=-1))
+        count = np.diff(first, append=len(rows))
+        return cls(rows, step[rows[first]], anchor[rows[first]], count, begin)
+
+    def __iter__(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]]:
+        """Of each step: steps since the one before; anchors (A,) heard; their rows, and how many of each."""
+        first = np.flatnonzero(np.diff(self.step, prepend=-1))
+        behind, before = np.cumsum(self.count), self.begin
+        for start, end in zip(first, [*first[1:], len(self.step)], strict=True):
+            after, before = max(int(self.step[start]) - before, 1), int(self.step[start])
+            scans = slice(start, end)
+            rows = self.rows[behind[start] - self.count[start] : behind[end - 1]]
+            yield after, self.anchor[scans], rows, self.count[scans]
+
+
+@dataclass(frozen=True, eq=False)
+class _Particles:
+    """Where the agent may be.
+
+    Attributes
+    ----------
+    position, heading : (P, 2) m, (P,) rad
+    pace : (P,) m
+        Standard deviation of a step.
+    going : (P, 2)
+        The latest step, in paces.
+    begun : (P, 3) m, m, rad
+        Where it began, and how it faced.
+    size_m : (P,), optional
+        Of the error that is supposed in the distances.
+    """
+
+    position: Array
+    heading: Array
+    pace: Array
+    going: Array
+    begun: Array
+    size_m: Array | None = None
+
+    @classmethod
+    def at(cls, position: Array, heading: Array, pace: Array) -> _Particles:
+        """Particles that begin there."""
+        begun = np.column_stack([position, heading])
+        return cls(position, heading, pace, np.zeros_like(position), begun)
+
+    def moved(self, steps: int, lasting: float, turn_rad: float, draw: np.random.Generator) -> _Particles:
+        """Those after so many steps."""
+        gap = np.sqrt(steps)
+        going = lasting * self.going + np.sqrt(1 - lasting**2) * draw.standard_normal(self.position.shape)
+        heading = self.heading + gap * turn_rad * draw.standard_normal(len(self.heading))
+        return replace(
+            self, position=self.position + gap * self.pace[:, None] * going, heading=heading, going=going
+        )
+
+    def distances(
+        self, away: Array, anchors: NDArray[np.intp], heights: Array, error: RangeError | None
+    ) -> Array:
+        """Distances (A, P) in m that each expects of anchors which it is `away` (A, P, 2) m from."""
+        level = np.hypot(away[..., 0], away[..., 1])
+        if error is None or self.size_m is None:
+            return slant(level, heights[:, None])
+        spoilt = zip(level, anchors.tolist(), heights.tolist(), strict=True)
+        return np.stack([error.spoilt(own, self.size_m, *anchor) for own, *anchor in spoilt])
+
+    def drawn(
+        self, weight: Array, left: int, error: RangeError | None, draw: np.random.Generator
+    ) -> _Particles:
+        """So many of them, drawn systematically by weight (P,)."""
+        places = (draw.random() + np.arange(left)) / left
+        chosen = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
+        size = None
+        if error is not None and self.size_m is not None:
+            size = error.redrawn(self.size_m[chosen], draw)
+        return _Particles(
+            self.position[chosen], self.heading[chosen], self.pace[chosen], self.going[chosen],
+            self.begun[chosen], size,
+        )  # fmt: skip
+
+
+def _start(scene: Scene, agent: str | None, draw: np.random.Generator, times: int) -> _Particles:
+    """Particles about the agent's start, `times` as many as usual; anywhere in the grid without an agent."""
     if agent is None:
         low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
         count = 10 * PARTICLES
-        return draw.uniform(low, high, (count, 2)), draw.uniform(-np.pi, np.pi, count), np.full(count, 0.1)
+        position = draw.uniform(low, high, (count, 2))
+        return _Particles.at(position, draw.uniform(-np.pi, np.pi, count), np.full(count, 0.1))
     body = scene.agent(agent)
     wide = max(body.prior.position_m, 0.1)
     count = times * PARTICLES
     position = body.start_m + draw.uniform(-wide, wide, (count, 2))
     facing = np.radians(body.start_heading_deg + body.prior.heading_deg * draw.uniform(-1, 1, count))
-    return position, facing, _paces(body.step_m, count)
+    return _Particles.at(position, facing, _paces(body.step_m, count))
 
 
 def _paces(step_m: float, count: int) -> Array:
@@ -234,74 +311,6 @@ def _paces(step_m: float, count: int) -> Array:
     A quarter of the particles hurries, since a table of one's own needn't keep to the scene's step.
     """
     return step_m * np.where(np.arange(count) % 4 == 0, 4.0, 0.8)
-
-
-@dataclass(frozen=True)
-class _Quantity:
-    """A column, as the likelihood of a line of sight takes it.
-
-    Attributes
-    ----------
-    values : (K,) float64
-        0 where not measured.
-    precision : (K,) float64
-        One over the standard deviation; 0 where not measured.
-    peak : (K,) float64
-        Density of the line of sight at its best, over that of any path; 1 where not measured.
-    turns : bool
-        Whether it is an angle.
-    """
-
-    values: Array
-    precision: Array
-    peak: Array
-    turns: bool
-
-
-def _quantity(columns: Mapping[str, NDArray], name: str, scene: Scene) -> _Quantity:
-    values, turns = np.asarray(columns[name], dtype=np.float64), name.endswith("_rad")
-    least = ANGLE_STD if turns else max(LEAST_DISTANCE_STD_M, 0.5 * SPEED_OF_LIGHT / scene.radio.bandwidth_hz)
-    own = columns.get("distance_std_m" if name == "distance_m" else name.replace("rad", "std_rad"))
-    sigma = np.hypot(least, np.nan_to_num(own) if own is not None else np.zeros(len(values)))
-    missing = np.isnan(values)
-    usual = _density(np.asarray(wrap(values)) if turns else values)  # spread over turns they'd seem rarer
-    return _Quantity(
-        np.where(missing, 0.0, values),
-        np.where(missing, 0.0, 1 / sigma),
-        np.where(missing, 1.0, 1 / (np.sqrt(2 * np.pi) * sigma * usual)),
-        turns,
-    )
-
-
-def _ratio(
-    quantities: Mapping[str, _Quantity], rows: NDArray[np.intp], expected: Mapping[str, Array]
-) -> Array:
-    """Likelihood of each row (P, M) as the line of sight to an anchor, over that of any path.
-
-    `expected` holds what each particle (P,) expects of it.
-    """
-    shape = (len(expected["distance_m"]), len(rows))
-    exponent, peak = np.zeros(shape), np.ones(len(rows))
-    for name, quantity in quantities.items():
-        gap = quantity.values[rows] - expected[name][:, None]
-        if quantity.turns:
-            gap -= 2 * np.pi * np.rint(gap / (2 * np.pi))
-        gap *= quantity.precision[rows]
-        exponent += gap * gap
-        peak *= quantity.peak[rows]
-    return peak * np.exp(-0.5 * exponent)
-
-
-def _density(values: Array) -> Array:
-    """How dense the column's own values lie about each of them, by quantiles: what chance would give (K,).
-
-    Without it, whatever reading draws the values together would look like a discovery.
-    """
-    known = values[np.isfinite(values)]
-    bins = int(np.clip(len(known) // 10, 1, 16))
-    edges = np.quantile(known, np.linspace(0, 1, bins + 1)) if len(known) else np.array([0.0, 1.0])
-    width = np.maximum(np.diff(edges), 1e-9)
-    return 1 / (bins * width[np.clip(np.searchsorted(edges, values, side="right") - 1, 0, bins - 1)])
 
 
 def turning_rad(track: Array, leg_m: float = 0.5) -> float:

@@ -10,8 +10,9 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.checks.fit import least_share, settled
-from gridslam.checks.line_of_sight_filter import ANGLE_STD, TOLD_APART, Sight, explain
+from gridslam.checks.line_of_sight_filter import TOLD_APART, Sight, explain
 from gridslam.checks.rivals import CERTAIN
+from gridslam.checks.sight_likelihood import ANGLE_STD
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns

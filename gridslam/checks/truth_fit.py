@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.checks.line_of_sight_filter import ANGLE_STD, LEAST_DISTANCE_STD_M
+from gridslam.checks.sight_likelihood import ANGLE_STD, LEAST_DISTANCE_STD_M
 from gridslam.checks.views import in_view
 from gridslam.measurements.observations import Observations
 from gridslam.measurements.table import Measurements
