@@ -50,4 +50,6 @@ def test_order_of_rows_within_a_step_does_not_matter():
     mixed = {name: values[order] for name, values in columns.items()}
     one, other = explain(columns, scene, "agent1"), explain(mixed, scene, "agent1")
     assert other.evidence == pytest.approx(one.evidence)
-    assert sorted(order[other.row]) == sorted(one.row)
+    heard = one.probability > 0  # all rows of an anchor out of sight are equally unlikely
+    assert heard.sum() > 100
+    assert (order[other.row] == one.row)[heard].all()
