@@ -1,7 +1,8 @@
 """Paths out of sampled signals: one by one, and after each that is added, all of a snapshot refined together.
 
 Each snapshot of each anchor stands alone. A path is kept if noise would give one as good less often than
-`false_alarms` says, whatever the noise's power; deviations are those of the joint Fisher information.
+`false_alarms` says, whatever the noise's power; deviations are those of the joint Fisher information. An
+angle that the snapshot leaves open between two directions or more isn't told.
 Amplitudes are held against the snapshot's strongest peak, so two paths that melt into one don't cancel.
 """
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.extraction.ambiguity import ambiguous
 from gridslam.extraction.fit import Fit, amplitudes, deviations, noise_power, refine, refit
 from gridslam.extraction.responses import Band, Products
 from gridslam.extraction.search import strongest, surprise
@@ -50,7 +52,8 @@ def extract(
     Parameters
     ----------
     recording : Recording
-        Any number of antennas. An angle is measured where the elements don't lie in one line.
+        Any number of antennas. An angle is measured where the elements don't lie in one line, and given
+        where no other direction explains the path nearly as well.
     scene : Scene, optional
         Gives `false_alarms`, a detection threshold, and what its radio measures: nothing else is kept. Its
         anchors must be the recording's.
@@ -107,9 +110,9 @@ def _paths_of(recording: Recording, anchor: int, rate: float, most: int) -> dict
         spread = deviations(band, samples, fit, noise)
         row, column = np.nonzero(fit.there)
         values, errors = fit.paths[row, column], spread[row, column]
-        for factor in (1, 2):
-            if not band.sees(factor):
-                values[:, factor] = errors[:, factor] = np.nan
+        unknown = ambiguous(band, samples, fit, spread, noise)[row, column]
+        unknown[:, [factor for factor in (1, 2) if not band.sees(factor)]] = True
+        values[unknown] = errors[unknown] = np.nan
         tables.append({
             "step": own[row],
             "anchor": np.full(len(row), anchor),
