@@ -126,8 +126,8 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
 
 def hints(world: Scene, method: str, observations: Observations | None) -> list[str]:
     """What to say before a run: what a method doesn't use of what it gets, and which one is made for it."""
-    found = angles_hint(world, method, observations), samples_hint(world, method, observations)
-    return [hint for hint in (*found, elevations_hint(world, method, observations)) if hint]
+    asked = angles_hint, samples_hint, elevations_hint, turn_hint
+    return [hint for one in asked if (hint := one(world, method, observations))]
 
 
 def samples_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
@@ -158,6 +158,27 @@ def elevations_hint(world: Scene, method: str, observations: Observations | None
         return None
     why = "--method grid and adaptive do" if world.has_heights else "the scene gives no heights"
     return f"the elevations that were measured aren't used by {method}: {why}"
+
+
+def turn_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
+    """What to say where one anchor tells no departures: no error of this kind ever shows in what is heard."""
+    import numpy as np
+
+    from gridslam.measurements.table import Measurements
+
+    if method not in METHODS or taken_by(method_class(method)) == "signal" or len(world.anchors) != 1:
+        return None
+    if isinstance(observations, Measurements):
+        told = bool(np.isfinite(observations.aod_rad).any())
+    else:
+        told = observations is None and world.signal_model(world.agents[0].name).departs
+    if told:
+        return None
+    return (
+        f"departures from {world.anchors[0].name}, the one anchor, aren't measured: nothing but the start, "
+        "or an earlier map, tells how all is turned about it; track and map may be turned as a whole by "
+        "more than is claimed"
+    )
 
 
 def angles_hint(world: Scene, method: str, observations: Observations | None) -> str | None:

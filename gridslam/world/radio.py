@@ -128,6 +128,11 @@ class RadioModel:
             return 1 / (math.sqrt(8) * math.pi * amplitude * np.sqrt(square)) / steep
 
     @property
+    def departs(self) -> bool:
+        """Whether any anchor's directions of departure are measured: what one antenna sends has none."""
+        return "aod" in self.measures and bool(self.anchor_aperture.any())
+
+    @property
     def elevated(self) -> tuple[bool, bool]:
         """Whether elevations are measured: of departures, by any anchor, and of arrivals."""
         *anchors, agent = self.upright or (0.0,)

@@ -280,3 +280,17 @@ def test_walls_beyond_the_region_are_told(say, tmp_path):
     reported = say("check", "wide.toml").out.splitlines()
     assert reported[1].endswith("beyond which nothing is mapped: walls by 1.7 m")
     assert "note" not in say("check", "room").out
+
+
+@pytest.mark.parametrize("method", ["grid", "adaptive", "va"])
+def test_one_anchor_without_departures_is_said_to_leave_the_turn_to_the_start(method):
+    screen = gs.Scene.load("screen")
+    rows = {"distance_m": {"A": [[8.7]]}, "aoa_rad": {"A": [[0.3]]}, "amplitude": {"A": [[14.0]]}}
+    heard = gs.Measurements.from_arrays(**rows)
+    for observed in (None, heard):
+        assert "how all is turned about it" in " ".join(hints(screen, method, observed))
+    told = gs.Measurements.from_arrays(**rows, aod_rad={"A": [[0.1]]})
+    assert hints(screen, method, told) == []
+    assert not any("turned" in hint for hint in hints(screen, "hybrid", None)), "it is told the heading"
+    two = screen.model_copy(update={"anchors": [screen.anchors[0], screen.anchors[0]]})
+    assert not any("turned" in hint for hint in hints(two, method, heard))

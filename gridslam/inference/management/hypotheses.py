@@ -120,7 +120,7 @@ def _search(
 def _started(state: State, modes: Modes, model: FilterModel) -> Population[State]:
     """A population of the modes that were listed."""
     states = branches_of(state, modes, float(model.start_variance[2]))
-    turnable = model.senders == 1 and "aod" not in model.radio.measures
+    turnable = model.senders == 1 and not model.radio.departs
     watch = Doubt(unproven=not modes.complete, turnable=turnable)
     return Population.of(state).having(states, modes.log_prior, since=0, watch=watch)
 

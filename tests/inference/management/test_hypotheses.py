@@ -199,6 +199,10 @@ def test_what_a_start_leaves_open_is_told(scene, complete, measures, anchors):
     reasons = _started(state, modes, model).watch.reasons()
     assert (UNPROVEN in reasons) is not complete
     assert (TURNABLE in reasons) is (anchors == 1 and "aod" not in measures), "departures tell the turn"
+    lone = replace(model, radio=replace(model.radio, anchor_aperture=np.zeros((anchors, 2))))
+    assert (TURNABLE in _started(state, modes, lone).watch.reasons()) is (anchors == 1), (
+        "one antenna has none"
+    )
 
 
 @pytest.mark.slow
