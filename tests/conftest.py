@@ -19,6 +19,12 @@ settings.register_profile("other", derandomize=False)
 settings.load_profile(os.environ.get("GRIDSLAM_EXAMPLES", "same"))
 
 
+@pytest.fixture(autouse=True)
+def unsynced(monkeypatch):
+    """Nobody waits for the disk, some thirty times a run; `tests/io/test_durable.py` tells that we do else."""
+    monkeypatch.setattr(os, "fsync", lambda handle: None)
+
+
 class CommandResult(NamedTuple):
     code: int
     out: str

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 import warnings
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -103,7 +104,7 @@ def main() -> None:
             warnings.showwarning = lambda message, kind, *rest: (
                 show(message) if issubclass(kind, Note) else shown(message, kind, *rest)
             )
-            code = app(standalone_mode=False)
+            code = _commands()(standalone_mode=False)
     except Faults as error:
         for fault in error.faults[:-1]:
             err.print(f"error: {fault}", highlight=False, markup=False, soft_wrap=True)
@@ -121,6 +122,12 @@ def main() -> None:
     if code == 130:  # typer makes it of a Ctrl-C that no command took care of
         err.print("interrupted")
     sys.exit(code if isinstance(code, int) else 0)
+
+
+@cache
+def _commands() -> Any:
+    """All commands with their options: who calls `main` more than once needn't have them made anew."""
+    return typer.main.get_command(app)
 
 
 def _refuse(reason: str) -> None:

@@ -18,6 +18,8 @@ from gridslam.runs.run_files import read_run
 from gridslam.systems.grid import GridSlam
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+OWN = "own_method:SightFilter"
 RUN = ("run", "tiny.toml", "--particles", "100", "-o", "out")
 
 
@@ -45,7 +47,7 @@ def here():
 
 @pytest.mark.slow
 def test_of_two_runs_at_once_the_second_is_refused_and_the_first_is_whole(tmp_path):
-    """Each stops where it would draw, until the other is as far or has ended."""
+    """Each stops where it would draw, until the other is as far or has ended; the method starts at once."""
     (tmp_path / "tiny.toml").write_text(TINY)
     code = (
         "import sys, gridslam.viewers.plots as p, gridslam.cli.main as c\n"
@@ -54,9 +56,21 @@ def test_of_two_runs_at_once_the_second_is_refused_and_the_first_is_whole(tmp_pa
     )
     runs = []
     for seed in (5, 6):
-        command = [sys.executable, "-c", code, *RUN, "--seed", str(seed)]
-        pipe = subprocess.PIPE
-        run = subprocess.Popen(command, cwd=tmp_path, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+        command = [
+            sys.executable,
+            "-c",
+            code,
+            *RUN,
+            "--seed",
+            str(seed),
+            "--method",
+            "own_method:SightFilter",
+        ]
+        pipe, search = subprocess.PIPE, os.pathsep.join([str(EXAMPLES), *sys.path])
+        run = subprocess.Popen(
+            command, cwd=tmp_path, stdin=pipe, stdout=pipe, stderr=pipe, text=True,
+            env=os.environ | {"PYTHONPATH": search},
+        )  # fmt: skip
         runs.append(run)
         while run.stdout.readline() not in ("drawing\n", ""):
             pass
