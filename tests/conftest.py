@@ -21,7 +21,7 @@ settings.load_profile(os.environ.get("GRIDSLAM_EXAMPLES", "same"))
 
 @pytest.fixture(autouse=True)
 def unsynced(monkeypatch):
-    """Nobody waits for the disk, some thirty times a run; `tests/io/test_durable.py` tells that we do else."""
+    """Nobody waits for the disk, some thirty times a run; `tests/io/test_durable.py` tells that we do."""
     monkeypatch.setattr(os, "fsync", lambda handle: None)
 
 
