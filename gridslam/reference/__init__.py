@@ -23,6 +23,7 @@ from gridslam.reference.feature_likelihood import (
     differentiate_features,
     evaluate_features,
 )
+from gridslam.reference.feature_paths import multiply_paths, place_paths, slope_paths
 from gridslam.reference.gaussian import bend, correct, late, predict, tall
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.line_evidence import weigh_lines
@@ -76,12 +77,15 @@ __all__ = [
     "listen",
     "log_rician",
     "mark",
+    "multiply_paths",
     "near",
+    "place_paths",
     "polylines",
     "predict",
     "prepare",
     "propose",
     "respond",
+    "slope_paths",
     "superpose",
     "tall",
     "trace",

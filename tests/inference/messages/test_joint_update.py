@@ -6,14 +6,9 @@ import numpy as np
 import pytest
 from signal_worlds import received, signal_model
 
-from gridslam.inference.messages.features.joint_update import (
-    TURNS_RAD,
-    predict,
-    slopes,
-    update,
-)
-from gridslam.inference.messages.features.path_products import paths_at, products, whiten
-from gridslam.inference.messages.features.path_products import received as prepared
+from gridslam.inference.messages.features.heard_paths import HeardPaths
+from gridslam.inference.messages.features.joint_update import TURNS_RAD, predict, update
+from gridslam.inference.messages.features.path_products import paths_at, whiten
 from gridslam.inference.messages.features.presence import log_likelihood
 from gridslam.inference.state.features.features import FeatureBank, entries, place_jacobian, places
 from gridslam.inference.state.features.hybrid_state import JointBelief
@@ -38,15 +33,16 @@ def belief(agent=(0.0, 0.0, 0.5, 0.0), spread=0.1, features=2, power=POWERS):
 
 def known_at(x, one, z, heading, model):
     """Paths at a state with an error of the heading, and products of their responses."""
-    paths = paths_at(x[:-1], one, 0, heading + x[-1], model)
-    return paths, products(paths.numbers, prepared(z, model.waveform), model.waveform)
+    heard = HeardPaths(one, z[None], AUDIBLE, heading, model, (0.0, 0.0))
+    heard.place(np.stack([x, x]), np.eye(len(x)))
+    return heard, *heard.multiply()
 
 
 def state_slopes(x, one, z, heading, power, model):
     """Slope and curvature by the joint state and the heading's error, and the value."""
-    paths, known = known_at(x, one, z, heading, model)
-    score, curvature, value = slopes(known, power, 1.0)
-    return paths.jacobian.T @ score, paths.jacobian.T @ curvature @ paths.jacobian, value
+    heard, _ = known_at(x, one, z, heading, model)
+    found, jacobian = heard.slopes(power), heard.towards
+    return jacobian.T @ found.score, jacobian.T @ found.curvature @ jacobian, found.log_density
 
 
 def same(one, other):
@@ -78,9 +74,9 @@ def test_products_are_those_of_responses_made_in_full(frequencies):
     same(known.matched, whole.conj().T @ z.ravel())
     assert known.energy == pytest.approx(np.vdot(z, z).real)
     covariance = 1.7 * np.eye(z.size) + (whole[:, :3] * POWERS) @ whole[:, :3].conj().T
-    white = whiten(known, POWERS, 1.7)
-    solved = np.linalg.solve(covariance, whole)
-    same(white.gram, whole.conj().T @ solved)
+    white = whiten(known.of(slice(0, 3)), POWERS, 1.7)
+    solved = np.linalg.solve(covariance, whole[:, :3])
+    same(white.own, np.einsum("zn,zn->n", whole[:, :3].conj(), solved).real)
     same(white.matched, solved.conj().T @ z.ravel())
 
 

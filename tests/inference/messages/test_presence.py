@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from signal_worlds import received, signal_model
 
+from gridslam.inference.messages.features.heard_paths import HeardPaths
 from gridslam.inference.messages.features.joint_update import predict, update
-from gridslam.inference.messages.features.path_products import paths_at, products
-from gridslam.inference.messages.features.path_products import received as prepared
 from gridslam.inference.messages.features.presence import log_likelihood, powers_of, presence_of
 from gridslam.inference.messages.features.regaining import UNSURE_M, regained
 from gridslam.inference.state.features.features import FeatureBank, entries
@@ -32,12 +31,18 @@ def belief(spread=0.05, features=2, agent=(0.0, 0.0, 0.0, 0.0)):
     return one
 
 
+def products(one, z, model):
+    """Of the responses of the paths that are believed in, with each other and with samples."""
+    heard, at = HeardPaths(one, z[None], AUDIBLE, 0.3, model, (0.0, 0.0)), np.append(one.mean, 0.0)
+    heard.place(np.stack([at, at]), np.eye(len(at)))
+    return heard.multiply()[0]
+
+
 @pytest.mark.parametrize("used", [(1, 1, 1), (1, 0, 1), (0, 1, 0), (0, 0, 0)])
 def test_presence_weighs_the_samples_with_and_without_each_path(used):
     model, draw, before = signal_model(), np.random.default_rng(sum(used)), np.array([0.7, 0.2])
     z = received(model, (0.0, 0.0), 0.3, POINTS[:2], POWERS[:2] / 400, draw)[0]
-    paths = paths_at(belief().mean, belief(), 0, 0.3, model)
-    known = products(paths.numbers, prepared(z, model.waveform), model.waveform)
+    known = products(belief(), z, model)
     power = POWERS / 400  # faint ones: nothing is sure
     taken = power * np.array(used)
     after, doubt = presence_of(before, known.of(slice(0, 3)), taken, power[1:], 1.0)
@@ -98,11 +103,9 @@ def test_where_a_hidden_path_should_be_noise_says_nothing():
 @pytest.mark.parametrize("extent", [0.0, 0.2])
 def test_a_hidden_feature_has_no_power_in_a_crowd_or_out_of_it(extent):
     model, draw, one = signal_model(), np.random.default_rng(3), replace(belief(features=1), extent=extent)
-    paths = paths_at(one.mean, one, 0, 0.3, model)
     for rows, power in ((slice(0, 1), 0.0), (slice(0, 2), POWERS[1])):
         z = received(model, (0, 0), 0.3, POINTS[rows], POWERS[rows], draw)
-        known = products(paths.numbers, prepared(z[0], model.waveform), model.waveform)
-        assert powers_of(one, np.ones(1), 0, known)[1] == power
+        assert powers_of(one, np.ones(1), 0, products(one, z[0], model))[1] == power
 
 
 @pytest.mark.parametrize("off", [(0.9, -0.5), (-0.6, 1.0), (0.0, 0.0)])

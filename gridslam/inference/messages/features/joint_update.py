@@ -8,21 +8,15 @@ of which there are fewer than entries of the state.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.features.path_products import (
-    Paths,
-    Products,
-    Received,
-    paths_at,
-    products,
-    received,
-    whiten,
-)
+from gridslam.inference.messages.features.heard_paths import HeardPaths
+from gridslam.inference.messages.features.path_products import Products
 from gridslam.inference.messages.features.presence import existence_of, powers_of, predicted, presence_of
 from gridslam.inference.messages.features.regaining import regained
 from gridslam.inference.state.features.features import MOVING
@@ -60,24 +54,6 @@ def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> Jo
     return replace(belief, mean=mean, covariance=covariance)
 
 
-@dataclass(frozen=True, eq=False)
-class _Anchor:
-    """What one anchor sent, and which of the paths' numbers are its own."""
-
-    index: int
-    got: Received
-    numbers: slice
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """Paths of all anchors at a state: numbers (p,), slopes by it (p, n + 1), scatter of their own (p,)."""
-
-    numbers: Array
-    jacobian: Array
-    own: Array
-
-
 def update(
     belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
     step: int, start: Array | None = None,
@@ -91,55 +67,52 @@ def update(
     """
     if not audible.any():
         return belief, 0.0
-    size, wave = len(belief.mean), model.waveform
-    anchors, first = [], 0
-    for j in np.flatnonzero(audible):
-        after = first + 2 + 2 * int((belief.features.anchor == j).sum())
-        anchors.append(_Anchor(int(j), received(samples[j], wave), slice(first, after)))
-        first = after
+    size = len(belief.mean)
+    scatter = belief.extent**2, (TURNS_RAD * belief.extent) ** 2
+    heard = HeardPaths(belief, samples, audible, heading_rad, model, scatter)
     prior = np.zeros((size + 1, size + 1))  # the last entry is an error of this step's heading
     prior[:size, :size] = belief.covariance
-    prior[size, size] = wave.heading_std_rad**2
-    base, at = np.append(belief.mean, 0.0), np.append(belief.mean, 0.0)
+    prior[size, size] = model.waveform.heading_std_rad**2
+    state = np.zeros((2, size + 1))
+    at, base = state
+    at[:size] = base[:size] = belief.mean
     if start is None:
         at[:size] = regained(belief, samples, audible, heading_rad, model)
     else:
         at[:MOVING] = start
-    shift = np.zeros(first)
-    existence, powers = belief.existence.copy(), list[Array]()
-    crowded = belief.extent > 0 and step >= FIRST_STEPS
+    existence, crowded = belief.existence.copy(), belief.extent > 0 and step >= FIRST_STEPS
     for round_ in range(CROWD_ROUNDS if crowded else ROUNDS):
-        place = _place(at, belief, anchors, heading_rad, model)
-        score, curvature, value = np.zeros(first), np.zeros((first, first)), 0.0
-        for n, one in enumerate(anchors):
-            known = products(place.numbers[one.numbers] + shift[one.numbers], one.got, wave)
-            if not round_:
-                existence[one.index] = existence_of(belief, one.index, known)
-                powers.append(powers_of(belief, existence, one.index, known))
-            mine = one.numbers, one.numbers
-            score[one.numbers], curvature[mine], log_density = slopes(
-                known, powers[n], belief.noise[one.index]
-            )
-            value += log_density
-        towards = place.jacobian @ prior
-        spread = towards @ place.jacobian.T  # of the paths' numbers
-        spread[np.arange(first), np.arange(first)] += place.own
-        off = place.jacobian @ (at - base) + shift
-        system = np.eye(first) + curvature @ spread
-        pull = np.linalg.solve(system, score + curvature @ off)
+        heard.place(state, prior)
+        known = heard.multiply()
+        if not round_:
+            for j, products in zip(heard.anchors, known, strict=True):
+                existence[j] = existence_of(belief, j, products)
+            each = zip(heard.anchors, known, strict=True)
+            powers = [powers_of(belief, existence, j, products) for j, products in each]
+            power = np.concatenate(powers)
+        slopes = heard.slopes(power)
+        system = slopes.curvature @ heard.spread
+        system.ravel()[:: len(system) + 1] += 1
+        root, order, wrong = lapack.dgetrf(system)
+        assert not wrong
+        pull, _ = lapack.dgetrs(root, order, slopes.score + slopes.curvature @ heard.off)
         # Laplace: the value there, how far it is from the prior, and the volume that is left
-        evidence = value - 0.5 * float(off @ score) - 0.5 * float(np.linalg.slogdet(system)[1])
-        following, shift = base + towards.T @ pull, place.own * pull
+        volume = np.log(np.abs(np.diagonal(root))).sum()
+        evidence = slopes.log_density - 0.5 * float(heard.off @ slopes.score) - 0.5 * float(volume)
+        following = base + pull @ heard.towards
+        heard.shift[:] = heard.own * pull
         moved = np.abs(following - at)[:2].max()
-        at = following
+        at[:] = following
         if moved < SETTLED_M:
             break
-    covariance = (prior - towards.T @ np.linalg.solve(system, curvature @ towards))[:size, :size]
-    found = replace(belief, mean=at[:size], covariance=0.5 * (covariance + covariance.T), existence=existence)
-    place = _place(at, belief, anchors, heading_rad, model)
-    for one, power in zip(anchors, powers, strict=True):
-        known = products(place.numbers[one.numbers] + shift[one.numbers], one.got, wave)
-        found, surprise = _follow_powers(found, one.index, known.of(slice(0, len(power))), power, step)
+    gain, _ = lapack.dgetrs(root, order, slopes.curvature @ heard.towards)
+    covariance = (prior - heard.towards.T @ gain)[:size, :size]
+    found = replace(
+        belief, mean=at[:size].copy(), covariance=0.5 * (covariance + covariance.T), existence=existence
+    )
+    heard.place(state, prior)
+    for j, products, own in zip(heard.anchors, heard.multiply(), powers, strict=True):
+        found, surprise = _follow_powers(found, j, products.of(slice(0, len(own))), own, step)
         evidence += surprise
     return _sighted(found, belief, audible), evidence
 
@@ -150,37 +123,6 @@ def _sighted(found: JointBelief, before: JointBelief, audible: NDArray[np.bool_]
     features = bank.identity[bank.steps_seen > before.features.steps_seen]
     sights = -1 - np.flatnonzero(audible & (found.existence > SIGHTED))
     return replace(found, sightings=found.sightings.add(np.concatenate([features, sights]), found.mean[:2]))
-
-
-def _place(
-    at: Array, belief: JointBelief, anchors: list[_Anchor], heading_rad: float, model: SignalModel
-) -> _Place:
-    """Paths of these anchors at a joint state and an error of the heading."""
-    paths = [paths_at(at[:-1], belief, one.index, heading_rad + at[-1], model) for one in anchors]
-    if len(paths) == 1:
-        return _Place(paths[0].numbers, paths[0].jacobian, _scatter(paths[0], belief.extent))
-    return _Place(
-        np.concatenate([one.numbers for one in paths]), np.concatenate([one.jacobian for one in paths]),
-        np.concatenate([_scatter(one, belief.extent) for one in paths]),
-    )  # fmt: skip
-
-
-def _scatter(paths: Paths, extent: float) -> Array:
-    """Variances (2 C,) of lengths and angles about what the features' places say."""
-    own, count = np.zeros(len(paths.numbers)), len(paths.far)
-    own[1:count], own[count + 1 :] = extent**2, (TURNS_RAD * extent) ** 2
-    return own
-
-
-def slopes(known: Products, power: Array, noise: float) -> tuple[Array, Array, float]:
-    """Slope (2 C,) and curvature (2 C, 2 C) of the log-likelihood by lengths and angles, and its value."""
-    white, count = whiten(known, power, noise), len(power)
-    amplitude = power * white.matched[:count]  # posterior means of what each path carries
-    twice = np.concatenate([amplitude, amplitude])
-    volume = white.gram[np.arange(count, 3 * count), np.tile(np.arange(count), 2)]
-    score = 2 * np.real(twice * white.matched[count:].conj()) - 2 * np.tile(power, 2) * volume
-    product = np.outer(twice.real, twice.real) + np.outer(twice.imag, twice.imag)
-    return score, 2 * product * white.gram[count:, count:], white.log_density
 
 
 def _follow_powers(

@@ -48,26 +48,6 @@ class Paths:
 
 
 @dataclass(frozen=True, eq=False)
-class Received:
-    """Samples of one anchor at one step, as products need them.
-
-    Attributes
-    ----------
-    halves : (2 H, 4 N) float64
-        What cosines and sines at the frequencies above the carrier meet: samples, then their slopes by
-        length, each by antenna, real and imaginary parts side by side.
-    energy : float
-        ``z^H z``.
-    size : int
-        How many samples there are.
-    """
-
-    halves: Array
-    energy: float
-    size: int
-
-
-@dataclass(frozen=True, eq=False)
 class Products:
     """Products of responses T (N M, n) with each other, and with the samples z.
 
@@ -99,15 +79,15 @@ class Whitened:
 
     Attributes
     ----------
-    gram : (n, n) float64
-        ``T^H C^-1 T``.
-    matched : (n,) complex128
-        ``T^H C^-1 z``.
+    own : (C,) float64
+        ``h^H C^-1 h`` of each response.
+    matched : (C,) complex128
+        ``h^H C^-1 z``.
     log_density : float
         Of the samples.
     """
 
-    gram: Array
+    own: Array
     matched: Complex
     log_density: float
 
@@ -124,11 +104,14 @@ class Band:
         The pulse's power there and as far below the carrier.
     element : (N, 2) float64
         The agent's antennas, times 2 pi / wavelength.
+    table : (4, H) float64
+        Rate, weight, and weight times the rate and its square, as kernels take them.
     """
 
     rate: Array
     weight: Array
     element: Array
+    table: Array
 
 
 @lru_cache(8)
@@ -140,24 +123,28 @@ def band_of(wave: Waveform) -> Band:
     both = power[upper:] + power[: len(rate) - upper][::-1]
     if middle:
         both[0] /= 2
-    return Band(rate[upper:], both, 2 * np.pi / wave.wavelength_m * wave.agent_element_m)
+    rate = rate[upper:]
+    table = np.stack([rate, both, both * rate, both * rate**2])
+    return Band(rate, both, 2 * np.pi / wave.wavelength_m * wave.agent_element_m, table)
 
 
-def received(samples: Complex, wave: Waveform) -> Received:
-    """What is made once of the samples (N, M) of an anchor."""
-    rate, upper = band_of(wave).rate, len(wave.offset_hz) // 2
-    turned = wave.pulse.conj()[:, None] * samples.T
-    above, below = turned[upper:], turned[: len(turned) - upper][::-1]
-    if len(turned) % 2:
-        below = below.copy()
-        below[0] = 0.0
-    sums, gaps = above + below, 1j * (above - below)
-    slope = rate[:, None]
-    # d/dx of (sum cos + gap sin)(rate x)
-    value, sloped = np.concatenate([sums, gaps]), np.concatenate([slope * gaps, -slope * sums])
-    both = np.concatenate([value, sloped], 1)
-    halves = np.ascontiguousarray(both).view(np.float64)
-    return Received(halves, float(np.vdot(samples, samples).real), samples.size)
+def halves_of(samples: Complex, wave: Waveform) -> Array:
+    """What cosines and sines at the frequencies above the carrier meet, (A, 4 N, H), of samples (A, N, M).
+
+    Of each antenna, one below the other: what cosines meet, real and imaginary part, and what sines do.
+    """
+    upper, size = len(wave.offset_hz) // 2, len(wave.offset_hz)
+    turned = wave.pulse.conj() * samples
+    above, below = turned[..., upper:], turned[..., : size - upper][..., ::-1]
+    out = np.empty((*samples.shape[:2], 4, size - upper))
+    np.add(above.real, below.real, out=out[:, :, 0])
+    np.add(above.imag, below.imag, out=out[:, :, 1])
+    np.subtract(below.imag, above.imag, out=out[:, :, 2])
+    np.subtract(above.real, below.real, out=out[:, :, 3])
+    if size % 2:  # the carrier is its own mirror image
+        out[:, :, 0, 0], out[:, :, 1, 0] = turned[..., upper].real, turned[..., upper].imag
+        out[:, :, 2:, 0] = 0.0
+    return out.reshape(len(samples), -1, size - upper)
 
 
 def paths_at(mean: Array, belief: JointBelief, anchor: int, heading_rad: float, model: SignalModel) -> Paths:
@@ -192,74 +179,26 @@ def paths_at(mean: Array, belief: JointBelief, anchor: int, heading_rad: float, 
     return Paths(numbers, far, jacobian.reshape(2 * count, size + 1), rows)
 
 
-def products(numbers: Array, got: Received, wave: Waveform) -> Products:
-    """Of responses, their slopes by length and those by angle, (3 C,), of paths with these numbers (2 C,)."""
-    band, count = band_of(wave), len(numbers) // 2
-    length, angle = numbers[:count], numbers[count:]
-    fall = 1 / length
-    phase = length[:, None] * band.rate
-    half = phase.shape[1]
-    spectrum = np.empty((count, 2 * half))
-    cosine, sine = np.cos(phase, out=spectrum[:, :half]), np.sin(phase, out=spectrum[:, half:])
-    bent = np.empty((3, count, 2 * half))  # the spectra, their slopes and curvatures
-    wide = band.weight * band.rate
-    np.multiply(cosine, band.weight, out=bent[0, :, :half])
-    np.multiply(sine, band.weight, out=bent[0, :, half:])
-    np.multiply(sine, -wide, out=bent[1, :, :half])
-    np.multiply(cosine, wide, out=bent[1, :, half:])
-    wide = wide * band.rate
-    np.multiply(cosine, wide, out=bent[2, :, :half])
-    np.multiply(sine, wide, out=bent[2, :, half:])
-    over = np.outer(fall, fall)
-    plain, sloped, curved = (bent.reshape(-1, 2 * half) @ spectrum.T).reshape(3, count, count) * over
-    first = sloped - plain * fall[:, None]  # slope by the first path's length
-    both = curved + sloped * (fall[:, None] - fall) + plain * over
-    ahead, beside = np.cos(angle), np.sin(angle)
-    turn, lean = band.element @ np.stack([ahead, beside]), band.element @ np.stack([-beside, ahead])
-    c, s = np.cos(turn), np.sin(turn)
-    antennas = np.concatenate([np.concatenate([c, s]), np.concatenate([-lean * s, lean * c])], 1)
-    arrays = antennas.T @ antennas
-    one, two, three = slice(0, count), slice(count, 2 * count), slice(2 * count, None)
-    straight, turned = arrays[:count, :count], arrays[count:, :count]
-    gram = np.empty((3 * count, 3 * count))
-    gram[one, one] = straight * plain
-    gram[two, one] = straight * first
-    gram[one, two] = gram[two, one].T
-    gram[two, two] = straight * both
-    gram[three, one] = turned * plain
-    gram[one, three] = gram[three, one].T
-    gram[three, two] = turned * first.T
-    gram[two, three] = gram[three, two].T
-    gram[three, three] = arrays[count:, count:] * plain
-    output = (spectrum @ got.halves).view(np.complex128).reshape(count, 2, len(c))
-    response = (c - 1j * s).T  # conjugate
-    matched = np.empty((3, count), np.complex128)
-    matched[0] = (response * output[:, 0]).sum(1) * fall
-    matched[1] = (response * output[:, 1]).sum(1) * fall - matched[0] * fall
-    matched[2] = (-1j * lean.T * response * output[:, 0]).sum(1) * fall
-    return Products(gram, matched.ravel(), got.energy, got.size)
-
-
 def whiten(known: Products, power: Array, noise: float) -> Whitened:
-    """Under noise and paths of these powers (C,); any further responses are slopes of the paths'."""
+    """Under noise and paths of these powers (C,)."""
     count = len(power)
     if not count:
         density = float(-known.energy / noise - known.size * np.log(np.pi * noise))
-        return Whitened(known.gram / noise, known.matched / noise, density)
+        return Whitened(np.zeros(0), known.matched, density)
     root = np.sqrt(power)
-    cross = known.gram[:, :count] * root
-    small = root[:, None] * cross[:count]
+    cross = root[:, None] * known.gram
+    small = cross * root
     small[np.arange(count), np.arange(count)] += noise
     lower, wrong = lapack.dpotrf(small, lower=1, clean=0)
     assert not wrong
-    right = np.empty((count, len(cross) + 2), order="F")
-    right[:, :-2] = cross.T
-    met = root * known.matched[:count]
+    right = np.empty((count, count + 2), order="F")
+    right[:, :-2] = cross
+    met = root * known.matched
     right[:, -2], right[:, -1] = met.real, met.imag
     half, _ = lapack.dtrtrs(lower, right, lower=1, overwrite_b=1)
-    rest = half[:, -2] + 1j * half[:, -1]
-    gram = (known.gram - half[:, :-2].T @ half[:, :-2]) / noise
-    matched = (known.matched - half[:, :-2].T @ rest) / noise
+    own = (np.diagonal(known.gram) - (half[:, :-2] ** 2).sum(0)) / noise
+    shared = half[:, :-2].T @ half[:, -2:]
+    matched = (known.matched - shared[:, 0] - 1j * shared[:, 1]) / noise
     fit = (known.energy - (half[:, -2:] ** 2).sum()) / noise
     logdet = 2 * np.log(np.diagonal(lower)).sum() - count * np.log(noise)
-    return Whitened(gram, matched, float(-fit - logdet - known.size * np.log(np.pi * noise)))
+    return Whitened(own, matched, float(-fit - logdet - known.size * np.log(np.pi * noise)))

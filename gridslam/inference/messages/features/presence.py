@@ -70,7 +70,7 @@ def presence_of(
         That the features have where they are there.
     """
     white = whiten(known, used, noise)
-    share = power * np.diagonal(white.gram)[1:]
+    share = power * white.own[1:]
     lift = power * np.abs(white.matched[1:]) ** 2
     there = used[1:] > 0
     rest = np.where(there, np.maximum(1 - share, 1e-12), 1 + share)
