@@ -14,6 +14,7 @@ from gridslam import runtime
 from gridslam.bench.course import PeakMemory, first_scans, run
 from gridslam.bench.features import feature_speeds
 from gridslam.bench.growth import Growth, fitted, growth, with_hypotheses
+from gridslam.bench.heard_paths import heard_path_speeds
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
 from gridslam.bench.plan import Plan
 from gridslam.bench.single_kernels import line_evidence_speed, pose_speed, state_path_speed
@@ -151,6 +152,7 @@ def measure(
     kernels.append(line_evidence_speed(plan.kernel_s))
     kernels += superposition_speeds(plan.paths, plan.kernel_s)
     kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
+    kernels += heard_path_speeds(plan.features, plan.kernel_s)
     steps = []
     for kind in kinds:
         next_part()

@@ -14,6 +14,7 @@ from gridslam import runtime
 from gridslam.bench import bench
 from gridslam.bench import features as bench_features
 from gridslam.bench import growth as bench_growth
+from gridslam.bench import heard_paths as bench_heard_paths
 from gridslam.bench import single_kernels as bench_single_kernels
 from gridslam.bench import stages as bench_stages
 from gridslam.bench import start as bench_start
@@ -84,7 +85,7 @@ def test_ratios_and_rates_are_those_of_the_times(quick):
 @pytest.mark.slow
 def test_every_kernel_there_is_has_a_twin_to_compete_with(quick):
     all_of_them = set(CONTESTS) | set(bench_features.NAMES) | set(bench_single_kernels.NAMES)
-    all_of_them |= set(bench_superposition.NAMES)
+    all_of_them |= set(bench_superposition.NAMES) | set(bench_heard_paths.NAMES)
     assert all_of_them == set(bench_stages.kernels())
     assert {kernel.name for kernel in quick[0].kernels} == all_of_them
     launched = {name for step in quick[0].steps for name in step.stages_ms if name.startswith("kernel ")}
