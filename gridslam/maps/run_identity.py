@@ -52,10 +52,7 @@ class Identity:
             return self
         link = hashlib.sha256(self.chain.encode())
         link.update(np.array([scan.step, scan.time_s], "<f8").tobytes())
-        columns = (
-            b"-" if column is None else np.asarray(column, "<f8").tobytes() for column in scan.content()
-        )
-        link.update(b"".join(columns))
+        link.update(b"".join(b"-" if column is None else _bytes(column) for column in scan.content()))
         chain, scans = link.hexdigest(), self.scans + 1
         return Identity(chain, scans, self.text + (chain[:DIGITS] if scans & (scans - 1) == 0 else ""))
 
@@ -68,6 +65,13 @@ class Identity:
         """From the text of a checkpoint."""
         chain, scans, *rest = text.split()
         return cls(chain, int(scans), "".join(rest))
+
+
+def _bytes(column: np.ndarray) -> bytes:
+    """Of a column's numbers: NaN has many, and which of them it is depends on how a table came to be."""
+    numbers = np.array(column, "<f8")
+    numbers[np.isnan(numbers)] = np.nan
+    return numbers.tobytes()
 
 
 def same_run(one: str, other: str) -> bool:

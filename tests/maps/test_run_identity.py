@@ -8,7 +8,7 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.maps.run_identity import same_run
+from gridslam.maps.run_identity import Identity, same_run
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +46,18 @@ def test_identity_follows_from_what_was_heard(scene, measurements, maps):
         at += slam.map().provenance["runs"]
     assert at[-1] == one
     assert all(same_run(early, one) and not same_run(early, other) for early in at)
+
+
+def test_what_was_not_measured_is_the_same_whatever_its_sign(scene, measurements, tmp_path):
+    """A table made anew, as of a file or with a true track, wraps its angles: that turns NaN's sign."""
+    without = replace(measurements[1], aod_rad=np.full(len(measurements[1].step), np.nan))
+    without.to_h5(tmp_path / "heard.h5")
+    again = gs.Measurements.from_h5(tmp_path / "heard.h5")
+    start, bits = Identity.of(scene.anchor_positions), set()
+    for table in (without, again, replace(without)):
+        bits.add(np.signbit(table.aod_rad).all())
+        assert [start.after(scan) for scan in table] == [start.after(scan) for scan in without]
+    assert bits == {True, False}, "both signs"
 
 
 def test_identity_outlives_a_checkpoint(scene, measurements, maps, tmp_path):
