@@ -79,6 +79,8 @@ class Run:
         whole = ", interrupted" if self.interrupted else ""
         who = f"{self.agent} in {self.scene.name} by {self.method}, seed {self.seed}"
         size = f"{counted(len(self.estimates), 'step')}, {counted(len(self.surfaces), 'surface')}"
+        unwell = sum(not one.health.ok for one in self.estimates)
+        whole = f", unwell at {counted(unwell, 'step')}{whole}" if unwell else whole
         return f"<Run of {who}: {size}{whole}>"
 
     def plot(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> Figure:

@@ -94,6 +94,7 @@ class Scan:
             if anchor.size and anchor.dtype.kind not in "iu":
                 raise ValueError("anchors are indices")
             anchor = anchor.astype(np.intp, copy=False)
+            given |= {n: np.full(anchor.shape, np.nan) for n in VALUES if given[n] is None}
             columns = {n: np.asarray(v, np.float64) for n, v in given.items() if v is not None}
         except (TypeError, ValueError, OverflowError) as error:
             raise InputError("scan", str(error), "columns of numbers") from None
