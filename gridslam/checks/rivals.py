@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.checks.fit import FITTING, least_share, settled
-from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
+from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
 from gridslam.checks.turned_anchors import Turn, by_chance, nearly, turned_tables, words
@@ -97,8 +97,8 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
     # finds the lines of sight alone: the particles may miss the right error, least squares name it afterwards
     seen = [explain(table, scene, agent, error=error) for error in range_errors(scene)]
     top = max(seen, key=lambda sight: sight.evidence)
-    if top.evidence <= needed:
-        return best
+    if top.evidence <= max(needed, explain(table, scene, agent, crowd=CROWD).evidence + CERTAIN):
+        return best  # more particles find more by themselves
     if top.explained < least_share(scene):  # walls may hide anchors from some particles, but not from others
         error = range_errors(scene)[seen.index(top)]
         top = settled(table, scene, agent, error=error)
@@ -188,10 +188,9 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     with np.errstate(invalid="ignore"):
         cured = error.cured(distance, best.size_m, scene.heights(agent)[table["anchor"]])
     whole = table | {"distance_m": np.where(spoilt, cured, distance)}
-    after = settled(whole, scene, agent)
-    if after.explained < least_share(scene):
+    after, before = settled(whole, scene, agent), settled(table, scene, agent)
+    if after.explained < least_share(scene) or after.evidence < before.evidence + CLEAR:
         return None
-    before = settled(table, scene, agent)
     reason = (
         f"line of sight in {after.explained:.0%} of {after.judged}, {before.explained:.0%} as it "
         f"stands; misfit of these {plain.misfit / max(best.misfit, 1e-9):.1f} times as large without it; "

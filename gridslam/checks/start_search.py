@@ -10,7 +10,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.checks.fit import least_share, settled
-from gridslam.checks.line_of_sight_filter import TOLD_APART, Sight, explain
+from gridslam.checks.line_of_sight_filter import PARTICLES, TOLD_APART, Sight, explain
 from gridslam.checks.rivals import CERTAIN
 from gridslam.checks.sight_likelihood import ANGLE_STD
 from gridslam.checks.turned_anchors import UNSEEN
@@ -102,9 +102,9 @@ def other_start(
     if sight is not None and (sight.explained < least_share(scene) or sight.evidence <= needed):
         sight = None
     least = needed if sight is None else max(needed, sight.evidence - RIVAL)
-    fair = [one for one in others if one[0].explained >= least_share(scene) and one[0].evidence > least]
-    if fair:
-        sight, name = max(fair, key=lambda one: one[0].evidence)
+    close = [one for one in others if one[0].explained >= least_share(scene) and one[0].evidence > least]
+    if close:
+        sight, name = max(close, key=lambda one: one[0].evidence)
         text = f"the table of {name}, by where it begins (--agent {name})"
         sure = sight.evidence > best.evidence + RIVAL
         return Suspicion(
@@ -118,9 +118,18 @@ def other_start(
     there = gap_m < max(body.prior.position_m, 0.1) * np.sqrt(2) + NEAR_M
     if there and gap_rad < np.radians(body.prior.heading_deg) + NEAR_RAD:
         return None, sight
+    own = _from_the_scenes(table, scene, agent)
+    if own.explained >= least_share(scene) and own.evidence > sight.evidence - CERTAIN:
+        return None, own
     text = _words(sight.start, there, body.start_heading_deg)
     sure = sight.evidence > best.evidence + RIVAL
     return Suspicion("start", "start", text, sure, _reason(table, scene, agent, None, plain, sight)), sight
+
+
+def _from_the_scenes(table: Columns, scene: Scene, agent: str) -> Sight:
+    """What is explained from the scene's start by as many particles as begin anywhere, or through doors."""
+    seen = explain(table, scene, agent, crowd=MOST // PARTICLES), settled(table, scene, agent)
+    return max(seen, key=lambda one: (one.explained >= least_share(scene), one.evidence))
 
 
 def goes_ahead(sight: Sight) -> float:

@@ -120,3 +120,16 @@ class TestAWrongStartIsNamedAndTheDataAreNot:
         (found,) = suspicions(heard(), ("A", "B", "C"), scene, "me")
         assert (found.column, found.kind) == ("start", "start")
         assert "start_heading_deg" in found.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("step_m", "seed"), [(0.12, 4), (0.15, 5)])
+def test_who_goes_faster_than_the_scene_says_did_not_begin_elsewhere(step_m, seed):
+    """Of few particles about the right start none goes along, of thousands anywhere some do."""
+    drawn, bare = flat()
+    fast = drawn.agents[0].model_copy(update={"step_m": step_m, "acceleration_mps2": 0.1})
+    table = gs.simulate(drawn.model_copy(update={"agents": (fast,)}), "me", seed)
+    columns = {key: np.array(getattr(table, key)) for key in NAMES}
+    columns |= {name: np.full(len(table.step), np.nan) for name in ("aod_rad", "amplitude")}
+    for scene in (drawn, bare):
+        assert suspicions(columns, ("A", "B", "C"), scene, "me") == []
