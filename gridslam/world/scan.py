@@ -29,7 +29,8 @@ class Scan:
         Index of the anchor; -1 where it isn't known.
     distance_m : (M,) float64
     aod_rad, aoa_rad : (M,) float64
-        Departure relative to the anchor's orientation, arrival relative to the heading.
+        Departure relative to the anchor's orientation, arrival relative to the heading; NaN where not
+        measured. Whoever hands a scan to a filter may give None for a column of NaN.
     amplitude : (M,) float64
         Square root of the path's SNR.
     distance_std_m, aod_std_rad, aoa_std_rad : (M,) float64 or None

@@ -72,6 +72,16 @@ def test_lists_will_do_and_a_second_scan_of_one_moment():
     one.step(gs.Scan(2, 2.0, [], [], [], [], []))
 
 
+def test_columns_that_were_not_measured_may_be_left_out():
+    one, two = gs.GridSlam(SCENE, seed=1), gs.GridSlam(SCENE, seed=1)
+    nothing = np.full(len(SCANS[0]), np.nan)
+    left_out = one.step(replace(SCANS[0], aod_rad=None, amplitude=None))
+    unknown = two.step(replace(SCANS[0], aod_rad=nothing, amplitude=nothing))
+    np.testing.assert_array_equal(left_out.covariance, unknown.covariance)
+    with pytest.raises(gs.InputError, match="scan: "):
+        one.step(gs.Scan(9, 9.0, [0], None, None, None, None))
+
+
 @pytest.mark.parametrize("method", sorted(METHODS))
 def test_a_scene_without_agents_is_refused(method):
     data = SCENE.model_dump(exclude_none=True)
