@@ -45,6 +45,9 @@ class Health:
         How far each anchor is turned from the orientation in the scene, as estimated; 0 unless beyond doubt.
     silent_steps : int
         For how long nothing has been heard.
+    jolt : (float, float)
+        Times the scene's ``filter.acceleration_mps2`` and ``filter.heading_deg`` that this step allowed:
+        more than 1 where the agent moved too sharply for them.
     """
 
     ok: bool = True
@@ -57,6 +60,7 @@ class Health:
     amplitude: float = 1.0
     turned_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
     silent_steps: int = 0
+    jolt: tuple[float, float] = (1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 UNWELL = 0.1
 """Share of the steps from which on measurements, which weren't simulated, are doubted."""
+OFTEN = 0.03
+"""Share of sharp steps from which on the scene's motion is called too smooth."""
 
 
 def fit_notes(
@@ -34,6 +36,22 @@ def fit_notes(
     if notes:  # such distances fit no true track either
         return notes
     return [*_misfit_notes(world, runs, observations, file, scene), *truth_notes(world, runs, observations)]
+
+
+def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
+    """Whose motion the scene's filter settings are too narrow for, and how wide they were taken."""
+    settings, notes = world.filter, []
+    for run in runs:
+        jolts = [one.health.jolt for one in run.estimates if max(one.health.jolt) > 1]
+        if len(jolts) > OFTEN * len(run.estimates):
+            push, turn = (max(factors) for factors in zip(*jolts, strict=True))
+            notes.append(
+                f"note: {run.agent}: at {len(jolts)} of {len(run.estimates)} steps it moved more sharply than "
+                f"filter.acceleration_mps2 = {settings.acceleration_mps2:g} and filter.heading_deg = "
+                f"{settings.heading_deg:g} say; up to {push * settings.acceleration_mps2:.2g} and "
+                f"{turn * settings.heading_deg:.2g} were allowed there. Set them to how it moves"
+            )
+    return notes
 
 
 def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:

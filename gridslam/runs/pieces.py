@@ -154,6 +154,6 @@ def _whole(path: Path, rows: Sequence[dict[str, Any]]) -> list[Estimate]:
 
 
 def _health(row: dict[str, Any]) -> Health:
-    low, high = row["innovation_band"]
+    pairs: dict[str, Any] = {name: tuple(row[name]) for name in ("innovation_band", "jolt") if name in row}
     arrays = {name: np.array(row[name], dtype=np.float64) for name in ("clutter", "turned_rad")}
-    return Health(**row | arrays | {"innovation_band": (low, high)})
+    return Health(**row | arrays | pairs)

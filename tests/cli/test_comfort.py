@@ -272,6 +272,22 @@ def test_what_is_printed_of_large_things_is_one_line():
     assert repr(gs.Scene.load("room")) == "<Scene room: 2 anchors, 1 wall, 1 agent>"
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+def test_an_agent_that_moves_more_sharply_than_told_is_noted_with_how_sharply(say):
+    scene = shortened(gs.Scene.load("room"), 60).with_filter(particles=64)
+    for settings, times in (({}, 0), ({"acceleration_mps2": 0.002, "heading_deg": 0.6}, 1)):
+        Path("room.toml").write_text(scene.with_filter(**settings).to_toml())
+        result = say("run", "room.toml", "-o", "out", "--overwrite")
+        assert result.code == 0
+        note = (
+            r"note: agent1: at \d+ of 60 steps it moved more sharply than filter.acceleration_mps2 = 0.002 "
+            r"and filter.heading_deg = 0.6 say; up to 0.\d+ and [2-9].\d+ were allowed there. Set them"
+        )
+        assert len(re.findall(note, re.sub(r"\s+", " ", result.out))) == times
+        assert len(json.loads(Path("out/run.json").read_text())["notes"]) == times
+
+
 def test_walls_beyond_the_region_are_told(say, tmp_path):
     data = gs.Scene.load("room").model_dump(exclude_none=True)
     corners = ((-4.0, -3.0), (6.5, -3.0), (4.0, 3.0), (-4.0, 3.0))

@@ -17,12 +17,13 @@ from gridslam.inference.health.doubt import Doubt, places
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, snapshot_of, watched
+from gridslam.inference.management.jolts import Step, stepped
 from gridslam.inference.management.mixture import CAP, reduce, together
 from gridslam.inference.management.poses.pose_fix import known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, is_vague
 from gridslam.inference.management.poses.pose_search import POSES_BY_MAP, Modes, find_modes
 from gridslam.inference.management.start_search import PATIENCE, still_searching
-from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.inference.state.belief import Belief
@@ -33,7 +34,6 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
 Start = Callable[[FilterModel], State]
-Step = Callable[[State, Scan, FilterModel, Workspace], tuple[State, StepInfo]]
 PURPOSE = 3
 """Names the stream of random numbers that a search takes."""
 PARTICLES = 512
@@ -221,13 +221,13 @@ def each_stepped(
     """
     if len(population) == 1:
         work.particles.limit = None
-        state, info = step(population.best, scan, model, work)
+        state, info = stepped(population.best, scan, model, work, step)
         return [state], [info]
     work.particles.limit = PARTICLES
     calibration, after, infos = population.best.calibration, list[State](), list[StepInfo]()
     for number, state in enumerate(population.states):
         work.recovers = number != population.guard
-        state, info = step(replace(state, calibration=calibration), scan, model, work)
+        state, info = stepped(replace(state, calibration=calibration), scan, model, work, step)
         after.append(state)
         infos.append(info)
     return after, infos
@@ -242,16 +242,6 @@ def _doubted(
     there, (here, other) = population.best, step(before, scan, model, work)
     log = [comparable(info, there, model) - HANDICAP, comparable(other, here, model)]
     return reduce(population.having((there, here), log, guard=1, since=0), model)
-
-
-def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
-    """Log evidence of a step, such that hypotheses with clutter levels of their own can be compared."""
-    stated, log = model.radio.false_alarms, info.log_evidence
-    for exchange in info.exchanges:
-        level = state.calibration.level(exchange.anchor, stated)
-        if level != stated:
-            log += exchange.measured.shape[1] * float(np.log(level / stated)) - (level - stated)
-    return log
 
 
 def _judged(population: Population[State], info: StepInfo, model: FilterModel) -> StepInfo:

@@ -107,3 +107,13 @@ def conclude(
     state = replace(state, calibration=calibration, monitor=monitor, step=state.step + 1)
     times, turned = work.times(), calibration_used.turned
     return state, StepInfo(tuple(exchanges), health, times, found_again, turned, calibration_used.gain)
+
+
+def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
+    """Log evidence of a step, such that hypotheses with clutter levels of their own can be compared."""
+    stated, log = model.radio.false_alarms, info.log_evidence
+    for exchange in info.exchanges:
+        level = state.calibration.level(exchange.anchor, stated)
+        if level != stated:
+            log += exchange.measured.shape[1] * float(np.log(level / stated)) - (level - stated)
+    return log

@@ -10,11 +10,14 @@ import numpy as np
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.state import belief, surface_bank
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import mirror, slant
 from gridslam.world.radio import REFLECTION_BINS
+from gridslam.world.scene_parts import FilterSettings
 
 BEYOND_DOUBT = 8
 """Detections from which on a surface is beyond doubt: its chances aren't counted any more."""
@@ -55,6 +58,14 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         calibration=state.calibration.faded(),
         monitor=state.monitor.begun(scan_size),
         time_s=time_s,
+    )
+
+
+def predict_agent(joint: Belief, elapsed_s: float, settings: FilterSettings) -> Belief:
+    """The agent alone after some time, (M16): near-constant velocity, random walk of the heading."""
+    alone = Belief(joint.mean[:AGENT], joint.covariance[:AGENT, :AGENT])
+    return belief.predict(
+        alone, elapsed_s, settings.acceleration_mps2, np.radians(settings.heading_deg), 0.0, np.zeros(0)
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from gridslam.arrays import replace
-from gridslam.inference.management.hypotheses import comparable
+from gridslam.inference.management.step_info import comparable
 from gridslam.inference.messages.network.clock_evidence import SURE_SURFACE
 from gridslam.inference.messages.network.clock_setting import (
     loosened,

@@ -1,0 +1,125 @@
+"""Steps with a jolt: evidence against densities, what is tried, and robots on sharp bends followed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scene_samples import short
+from scipy.stats import multivariate_normal, norm
+
+import gridslam as gs
+from gridslam.inference.management import hypotheses, jolts
+from gridslam.inference.messages.motion import predict_agent
+from gridslam.inference.state.layout import HEADING
+from gridslam.inference.state.state import State
+from gridslam.world import waypoints
+
+
+@pytest.fixture(scope="module")
+def robot():
+    """The room, with a robot of 0.3 m a step that turns on 0.6 m at its corners."""
+    scene = gs.Scene.load("room").with_filter(particles=256)
+    way = ((1.5, -1.4), (1.5, 1.4), (-1.5, 1.4), (-1.5, -1.0), (1.5, -1.0), (1.5, 1.0), (-1.0, 1.0))
+    agent = scene.agents[0].model_copy(
+        update={"waypoints_m": way, "step_m": 0.3, "acceleration_mps2": 0.15, "steps": None}
+    )
+    return scene.model_copy(update={"agents": (agent,)})
+
+
+@pytest.fixture
+def sharp_bends(monkeypatch):
+    """Corners are rounded as sharply as the robot can."""
+    monkeypatch.setattr(waypoints, "TURN_STEPS", 2)
+    monkeypatch.setattr(waypoints, "TIGHTEST_STEPS", 1)
+
+
+@given(st.floats(-5, 5), st.floats(0.01, 4), st.floats(0.01, 4), st.floats(0.05, 2))
+def test_of_a_heading_it_is_the_ratio_of_two_normal_densities(error, predicted, noise, told):
+    total = predicted + noise
+    log = jolts.evidence(np.array([error / total]), np.array([[1 / total]]), told)
+    wider = np.sqrt(total + (jolts.FACTORS**2 - 1) * told**2)
+    want = norm.logpdf(error, 0, wider) - norm.logpdf(error, 0, np.sqrt(total))
+    np.testing.assert_allclose(log, want, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_a_step_it_is_what_filters_with_wider_noise_make_of_its_measurement(robot, seed):
+    draw, model = np.random.default_rng(seed), robot.filter_model("agent1")
+    root = draw.normal(size=(5, 5))
+    before = State.start(model)
+    before = replace(
+        before, time_s=0.0, belief=replace(before.belief, covariance=0.01 * root @ root.T + 1e-4 * np.eye(5))
+    )
+    seen, noise, off = draw.normal(size=(3, 5)), 0.01 * np.eye(3), draw.normal(size=3)
+
+    def density(factor):
+        settings = jolts.Jolt(factor, 1.0).allowed(model).settings
+        spread = seen @ predict_agent(before.belief, 2.0, settings).covariance @ seen.T + noise
+        return multivariate_normal.logpdf(off, np.zeros(3), spread)
+
+    predicted = predict_agent(before.belief, 2.0, model.settings)
+    gain = predicted.covariance @ seen.T @ np.linalg.inv(seen @ predicted.covariance @ seen.T + noise)
+    after = replace(
+        before, time_s=2.0,
+        belief=replace(
+            predicted, mean=predicted.mean + gain @ off,
+            covariance=predicted.covariance - gain @ seen @ predicted.covariance,
+        ),
+    )  # fmt: skip
+    want = np.array([density(factor) for factor in jolts.FACTORS])
+    best = jolts.FACTORS[want.argmax()] if want.max() - want[0] > jolts.LIKELIER else 1.0
+    assert jolts.likeliest(before, after, model).acceleration == pytest.approx(best)
+
+
+def test_a_heading_that_is_corrected_by_much_is_a_jolt_of_the_heading_alone(robot):
+    model = robot.filter_model("agent1")
+    before = State.start(model)
+    steady = replace(before.belief, covariance=1e-4 * np.eye(5))
+    before = replace(before, time_s=0.0, belief=steady)
+    after = replace(before, time_s=1.0, belief=predict_agent(steady, 1.0, model.settings))
+    assert jolts.likeliest(before, after, model) == jolts.NONE
+    mean, spread = after.belief.mean.copy(), after.belief.covariance.copy()
+    mean[HEADING] -= np.radians(40) - 2 * np.pi  # a turn more or less is the same heading
+    spread[HEADING, HEADING] = 1e-4
+    turned = replace(after, belief=replace(after.belief, mean=mean, covariance=spread))
+    push, swing = jolts.likeliest(before, turned, model)
+    assert push == 1
+    assert swing == pytest.approx(4 * np.sqrt(2))
+
+
+def test_at_the_first_step_nothing_has_moved(robot):
+    model = robot.filter_model("agent1")
+    state = State.start(model)
+    assert jolts.likeliest(state, replace(state, time_s=1.0), model) == jolts.NONE
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["grid", "adaptive"])
+def test_a_robot_on_sharp_bends_is_followed_and_health_is_well(robot, sharp_bends, monkeypatch, method):
+    squared, well, sharp = [], [], []
+    for alone in (False, True):
+        if alone:
+            monkeypatch.setattr(hypotheses, "stepped", lambda state, *given: given[-1](state, *given[:-1]))
+        for seed in (1, 2):
+            heard = gs.simulate(robot, "agent1", seed)
+            heard = replace(heard, aod_rad=np.full_like(heard.aod_rad, np.nan))
+            run = gs.map_scene(robot, heard, method=method, seed=seed)
+            off = run.trajectory.position_m - robot.track("agent1").position_m
+            squared.append(np.mean(off[1:] ** 2))
+            well.append(np.mean([one.health.ok for one in run.estimates]))
+            sharp.append(np.mean([max(one.health.jolt) > 1 for one in run.estimates]))
+    assert np.mean(squared[:2]) < 0.9 * np.mean(squared[2:])
+    assert min(well[:2]) > 0.95
+    assert max(well[2:]) < 0.5
+    assert min(sharp[:2]) > 0.2
+    assert max(sharp[2:]) == 0
+
+
+def test_an_agent_that_moves_as_told_takes_no_step_again(monkeypatch):
+    scene, taken = short("room", 60, particles=256), []
+    monkeypatch.setattr(jolts.Jolt, "allowed", lambda self, model: taken.append(self) or model)
+    for seed in (1, 2):
+        gs.map_scene(scene, gs.simulate(scene, "agent1", seed), seed=seed)
+    assert not taken
