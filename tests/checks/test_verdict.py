@@ -27,7 +27,7 @@ def seen():
     ],
 )
 def test_an_anchor_that_is_seen_later_is_not_said_to_be_out_of_sight(seen, monkeypatch, first, share, says):
-    """It may be in sight in some of the scans, and its rows may be wrong: what is said is what was counted."""
+    """It may be in sight in some scans, and its rows may be wrong: what is said is what was counted."""
     table, sight = seen
     fake = replace(sight, shares=np.array([1.0, share]), first=first)
     monkeypatch.setattr(verdict, "settled", lambda *_: fake)
