@@ -171,6 +171,17 @@ def test_csv_without_amplitudes_says_what_would_be_some(tmp_path, name, way):
         Measurements.from_csv(path, ["A", "B"])
 
 
+def test_constant_deviations_of_angles_are_columns_in_degrees_too(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{HEADER},aod_std_deg,aoa_std_deg\n{ROW},3,2\n1,1.0,B,2.0,,0.5,3.0,,2\n")
+    table = Measurements.from_csv(path, ["A", "B"])
+    np.testing.assert_allclose(np.degrees(table.aoa_std_rad), [2, 2])
+    np.testing.assert_allclose(np.degrees(table.aod_std_rad), [3, np.nan])
+    path.write_text(f"{HEADER},aoa_std_deg\n{ROW},0\n")
+    with pytest.raises(InputError, match=r"line 2: aoa_std_deg: found 0\.0; allowed: a number above 0$"):
+        Measurements.from_csv(path, ["A", "B"])
+
+
 def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):
     """Semicolons with decimal commas, tabs, remarks, degrees, and nan for not measured."""
     plain = (
