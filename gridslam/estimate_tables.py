@@ -9,6 +9,10 @@ from typing import Self
 import numpy as np
 
 from gridslam.world.geometry import sfv, sfv_covariance, unit
+from gridslam.world.radio import REFLECTION_BINS
+
+ALIKE = 1e-7
+"""Moments of a coefficient that differ by less are the same."""
 
 
 class _Rows(ABC):
@@ -128,6 +132,16 @@ class SurfaceEstimate(_Rows):
         angle = self.line[:, 0]
         along = self.extent_m[:, :, None] * unit(angle + 0.5 * np.pi)[:, None, :]
         return self.line[:, 1, None, None] * unit(angle)[:, None, :] + along
+
+    @property
+    def reflection_learned(self) -> np.ndarray:
+        """Whether anything was learned of a surface's coefficient, (S,) bool.
+
+        Where no amplitudes are measured, or a method learns none, it stays what it was at birth: anything
+        from 0 to 1.
+        """
+        same = np.isclose(self.reflection, REFLECTION_BINS.mean(), rtol=0, atol=ALIKE)
+        return ~(same & np.isclose(self.reflection_var, REFLECTION_BINS.var(), rtol=0, atol=ALIKE))
 
 
 FREE, MIRROR, SCATTERER = 0, 1, 2

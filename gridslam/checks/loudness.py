@@ -17,6 +17,8 @@ MOST_OFF_DB, ENOUGH_SIGHTS = 6.0, 30
 """A level so far off is told, if so many lines of sight have it."""
 ENOUGH_ROWS, FAINTEST = 200, 0.02
 """Measurements, and the share of them that must be nearly as faint as can be, for a threshold to be seen."""
+LEAST_DB = 15.0
+"""Median from which on decibels are told by their course alone: logarithms of less scatter more than that."""
 SHIFTS_M = (-4.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 4.0)
 """Errors of all distances that might be why amplitudes don't fit."""
 
@@ -45,13 +47,16 @@ def loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     stated, way = scene.radio.snr_at_1m_db, "low" if level > 0 else "high"
     louder = f"the scene's radio.snr_at_1m_db of {stated:g} dB is too {way}: {stated + level:.0f} fits"
     # decibels may be as large as what they stand for; their course with the distance isn't
+    course = _course(readings["dB"] - expected) - _course(off)
+    if decibels := course >= ENOUGH and float(np.median(loud)) >= LEAST_DB:
+        kind, gain = "dB", max(course, gain if kind == "dB" else course)
     misread = bool(kind) and gain >= (ENOUGH if abs(level) >= LEVEL_DB or kind != "dB" else CERTAIN)
     misread &= abs(level) >= LEVEL_DB or kind == "dB"
     begins = gain > 0 and _at_threshold(amplitude, kind, scene) and not _at_threshold(amplitude, "", scene)
-    misread |= bool(kind) and begins
+    misread |= decibels or (bool(kind) and begins)
     # logarithms spread more or less than what they are read as does, so densities of either aren't alike
     stretch = {"": 0.0, "power": -np.log(2) * len(loud), "dB": np.log(readings["dB"]).sum()}
-    if abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
+    if not decibels and abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
         if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
             reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
             return [Suspicion("amplitude", "level", louder, False, reason)]
@@ -69,6 +74,11 @@ def _at_threshold(amplitude: Array, kind: str, scene: Scene) -> bool:
     if len(measured) < ENOUGH_ROWS or first <= 0:
         return False
     return bool(measured.min() > 0.98 * first and np.quantile(measured, FAINTEST) < 1.1 * first)
+
+
+def _course(gap: Array) -> float:
+    """Log likelihood of log amplitudes by their course with the distance alone, whatever their level."""
+    return _level(gap - np.median(gap))
 
 
 def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:

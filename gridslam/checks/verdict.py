@@ -83,11 +83,12 @@ def _each(scene: Scene, seen: Sight) -> str:
 
 
 def _not_judged(table: Columns, scene: Scene, seen: Sight) -> str:
-    """Which anchors are out of sight at first, so that what is said doesn't hold for them."""
-    heard = np.bincount(table["anchor"][seen.row], minlength=len(scene.anchors)) >= FEW
-    names = zip(scene.anchor_names, heard, np.nan_to_num(seen.shares) < UNSEEN, strict=True)
-    hidden = [name for name, often, never in names if often and never]
-    return f"; {', '.join(hidden)} out of sight over the first steps, and not judged" if hidden else ""
+    """Which anchors are hardly in sight in the scans that were looked at, so that nothing is said of them."""
+    scans = np.bincount(table["anchor"][seen.row], minlength=len(scene.anchors))
+    names = zip(scene.anchor_names, scans, np.nan_to_num(seen.shares), strict=True)
+    few = [f"{name} (in {share:.0%} of {n} scans)" for name, n, share in names if n >= FEW and share < UNSEEN]
+    which = f"the first {seen.first} steps" if seen.first else "all steps"
+    return f"; not judged, for too few lines of sight in {which}: {', '.join(few)}" if few else ""
 
 
 def _never_seen(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> list[str]:

@@ -46,8 +46,8 @@ def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
         if len(jolts) > OFTEN * len(run.estimates):
             push, turn = (max(factors) for factors in zip(*jolts, strict=True))
             notes.append(
-                f"note: {run.agent}: at {len(jolts)} of {len(run.estimates)} steps it moved more sharply than "
-                f"filter.acceleration_mps2 = {settings.acceleration_mps2:g} and filter.heading_deg = "
+                f"note: {run.agent}: at {len(jolts)} of {len(run.estimates)} steps it moved more sharply "
+                f"than filter.acceleration_mps2 = {settings.acceleration_mps2:g} and filter.heading_deg = "
                 f"{settings.heading_deg:g} say; up to {push * settings.acceleration_mps2:.2g} and "
                 f"{turn * settings.heading_deg:.2g} were allowed there. Set them to how it moves"
             )

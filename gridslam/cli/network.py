@@ -104,7 +104,7 @@ def run_network(asked: Asked) -> None:
                 more["start"] = "scene"
             end = Done(
                 runs, observed, scores, given | more,
-                f"{len(done.clocks.step)} of {len(measurements)} steps",
+                f"{len(done.clocks.step)} of {len(measurements)} steps" if done.interrupted else "",
                 clock_files(done.clocks, measurements.clocks), [*_lines(whole), *notes],
             )  # fmt: skip
             finish(folder, place, world, end, stopped, termination)

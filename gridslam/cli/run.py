@@ -105,7 +105,7 @@ def _run_in_turn(asked: Asked) -> None:
                 scores, stopped = [done.score() for done in runs], True
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
-            progress = f"{len(runs[-1].estimates)} of {len(observations[-1])} steps of {runs[-1].agent}"
+            progress = _progress(runs, observations, names)
             notes = _height_notes(runs) + jolt_notes(world, runs)
             if file is not None:
                 notes += fit_notes(world, runs, observations, file, asked.scene)
@@ -210,6 +210,15 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
         if not (runs or earlier):
             raise
     return runs, observations[: len(runs)]
+
+
+def _progress(runs: list[Run], observations: list[Observations], names: list[str]) -> str:
+    """How far agents in turn have got; nothing if through."""
+    last, total = runs[-1], len(observations[-1])
+    if last.interrupted:
+        return f"{len(last.estimates)} of {total} steps of {last.agent}"
+    left = names[len(runs) :]
+    return f"all {total} steps of {last.agent}, before the last of {left[0]}" if left else ""
 
 
 def _height_notes(runs: list[Run]) -> list[str]:

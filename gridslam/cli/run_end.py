@@ -39,7 +39,7 @@ class Done:
     settings : dict
         More entries of ``run.json``.
     progress : str
-        How far it has got, if it was stopped.
+        How far it has got, if it was stopped before its last step; else nothing.
     more : mapping of str to callable
         Writers of more files, by name.
     lines : list of str
@@ -69,8 +69,14 @@ def finish(
     folder: Path, place: Place, world: Scene, done: Done, stopped: bool, termination: Termination
 ) -> None:
     """Write the folder, say what is in it, and end with the exit code of whatever stopped the run."""
-    if not _written(folder, place, world, done) or stopped:
+    drawn = _written(folder, place, world, done)
+    if done.progress and (stopped or not drawn):
         _stop(f"after {done.progress}: {folder} holds what was done", termination)
+    elif stopped:
+        _stop(f"in scoring, after the last step: {folder} holds all but scores by the truth", termination)
+    elif not drawn:
+        line = f"in drawing, after the last step: {folder} holds all but figures (gridslam plot {folder})"
+        _stop(line, termination)
 
 
 def _stop(line: str, termination: Termination) -> None:

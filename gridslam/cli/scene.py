@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from gridslam.wording import counted
 
 out = Console()
 scene_app = Commands(no_args_is_help=True, help="Make, show and import scene files.")
+POSES = "x,y or x,y,deg, or with heights x,y,z,deg"
 KINDS = "FILE.geojson, FILE.json or FILE.dxf"
 
 
@@ -68,8 +70,8 @@ def show_scene(
 def import_plan(
     file: Annotated[Path, typer.Argument(metavar="PLAN", help=KINDS)],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="SCENE.toml")],
-    anchor: Annotated[list[str] | None, typer.Option(help="x,y or x,y,deg in m; repeat for each")] = None,
-    start: Annotated[str | None, typer.Option(help="x,y or x,y,deg of the agent")] = None,
+    anchor: Annotated[list[str] | None, typer.Option(help=f"{POSES}, in m; repeat for each")] = None,
+    start: Annotated[str | None, typer.Option(help=f"{POSES} of the agent")] = None,
     material: Annotated[list[str] | None, typer.Option(help="LAYER=MATERIAL")] = None,
     reflection: Annotated[list[str] | None, typer.Option(help="MATERIAL=COEFFICIENT")] = None,
     layer: Annotated[list[str] | None, typer.Option(help="only this layer of a DXF drawing")] = None,
@@ -90,7 +92,11 @@ def import_plan(
     for taken in (output, output.with_suffix(".png")):
         if taken.exists() and not overwrite:
             raise InputError(str(taken), "something of this name", "a new name (or --overwrite)")
-    anchors = tuple(_pose(text, "--anchor") for text in anchor or ())
+    anchors = [_pose(text, "--anchor") for text in anchor or ()]
+    agent = _pose(start, "--start") if start is not None else None
+    _require_alike([*zip(anchor or (), anchors, strict=True)], "--anchor")
+    if start is not None and agent is not None:
+        _require_alike([*zip(anchor or (), anchors, strict=True), (start, agent)], "--start")
     place = _numbers(origin, "--origin", 2)
     names, values = _table(material, "--material"), _table(reflection, "--reflection")
     coefficients = {name: _share(name, text) for name, text in values.items()}
@@ -108,9 +114,11 @@ def import_plan(
         coefficients,
         (place[0], place[1]),
         name=output.stem if label_fault(output.stem) is None else "plan",
-        anchors=anchors,
-        start=_pose(start, "--start") if start is not None else None,
+        anchors=tuple(pose for pose, _ in anchors),
+        start=agent[0] if agent is not None else None,
         cell_m=cell,
+        heights_m=tuple(height for _, height in anchors if height is not None),
+        start_height_m=agent[1] if agent is not None else None,
     )
     picture = write_plan(plan, output)
     for line in (note, *(f"note: {far}; the region to map reaches there" for far in plan.outside)):
@@ -144,7 +152,7 @@ def report(
     _say(f"wrote {page}")
 
 
-def _numbers(text: str, option: str, count: int) -> list[float]:
+def _numbers(text: str, option: str, count: int, allowed: str = "x,y in numbers") -> list[float]:
     from math import isfinite
 
     try:
@@ -152,13 +160,28 @@ def _numbers(text: str, option: str, count: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) != count or not all(isfinite(value) and abs(value) < 1e9 for value in values):
-        raise InputError(option, repr(text), ",".join(("x", "y", "deg")[:count]) + " in numbers")
+        raise InputError(option, repr(text), allowed)
     return values
 
 
-def _pose(text: str, option: str) -> tuple[float, float, float]:
-    x, y, facing = _numbers(text if text.count(",") > 1 else f"{text},0", option, 3)
-    return x, y, facing
+Posed = tuple[tuple[float, float, float], float | None]
+"""x, y (m) and degrees, and the height, if one is told."""
+
+
+def _pose(text: str, option: str) -> Posed:
+    count = max(text.count(",") + 1, 2)
+    x, y, *more = _numbers(text, option, min(count, 4), f"{POSES}, in numbers")
+    return (x, y, more[-1] if more else 0.0), more[0] if count == 4 else None
+
+
+def _require_alike(told: Sequence[tuple[str, Posed]], option: str) -> None:
+    """Refuse heights of some, and not of others."""
+    for text, (_, height) in told[1:]:
+        if (height is None) != (told[0][1][1] is None):
+            missing = "without a height" if height is None else "with a height"
+            raise InputError(
+                option, f"{text!r}, {missing}", "x,y,z,deg for all anchors and the start, or for none"
+            )
 
 
 def _table(pairs: list[str] | None, option: str) -> dict[str, str]:

@@ -133,6 +133,8 @@ def draw_reflection(grid: Cells, scene: Scene | None = None, width: float = PAGE
     shown = np.where(grid.occupied, grid.reflection, np.nan)
     image = _cells(axes, grid, shown, cmap="viridis", vmin=0, vmax=1, zorder=2)
     colorbar(figure, axes, image, "reflection coefficient (amplitude)")
+    if not np.isfinite(shown).any():
+        axes.set_title("not measured", fontsize="small")
     if scene is not None:
         true_walls(axes, scene, "k", 0.5)
         anchors(axes, scene)

@@ -79,6 +79,10 @@ class Plan:
     cell_m : float, m
     source : str
         Name of the file, for the comment.
+    heights_m : tuple of float
+        Of the anchors; empty: all is planar.
+    start_height_m : float or None
+        Of the agent, where the anchors have heights.
     """
 
     name: str
@@ -88,6 +92,8 @@ class Plan:
     start: tuple[float, float, float] | None = None
     cell_m: float = 0.1
     source: str = "a floor plan"
+    heights_m: tuple[float, ...] = ()
+    start_height_m: float | None = None
 
     @property
     def materials(self) -> dict[str, tuple[float, str]]:
@@ -157,7 +163,8 @@ class Plan:
         lines += [f"{_pairs(**{n: value})[0]}  # {why}" for n, (value, why) in materials.items()]
         for number, (px, py, facing) in enumerate(self.anchors):
             lines += ["", "[[anchors]]"]
-            lines += _pairs(name=letters(number), position_m=[px, py], orientation_deg=facing)
+            place = [px, py, *self.heights_m[number : number + 1]]
+            lines += _pairs(name=letters(number), position_m=place, orientation_deg=facing)
         if not self.anchors:
             lines += [
                 "",
@@ -170,6 +177,7 @@ class Plan:
         if self.start:
             lines += ["", "[[agents]]"]
             lines += _pairs(name="agent1", start_m=list(self.start[:2]), start_heading_deg=self.start[2])
+            lines += _pairs(height_m=self.start_height_m) if self.start_height_m is not None else []
         else:
             lines += ["", "# [[agents]]", '# name = "agent1"', "# start_m = [0.0, 0.0]"]
             lines += ["# start_heading_deg = 0.0"]

@@ -180,7 +180,8 @@ def surfaces(found: SurfaceEstimate, walls: WallSegments | None = None) -> dict[
     """Detected surfaces as a FeatureCollection, metres in the scene's frame.
 
     Each is a LineString, or a MultiLineString where it has several stretches (null where it has none), with
-    its number, existence, reflection coefficient and standard deviation, surface feature vector and length.
+    its number, existence, reflection coefficient and standard deviation (null where nothing was learned of
+    it), surface feature vector and length.
 
     Parameters
     ----------
@@ -190,6 +191,8 @@ def surfaces(found: SurfaceEstimate, walls: WallSegments | None = None) -> dict[
         whole extent is one.
     """
     features = []
+    deviation = np.sqrt(np.maximum(found.reflection_var, 0))
+    coefficient, spread = np.where(found.reflection_learned, [found.reflection, deviation], np.nan)
     for number, ends in enumerate(found.ends_m):
         if walls is not None:
             own = walls.surface == number
@@ -200,8 +203,8 @@ def surfaces(found: SurfaceEstimate, walls: WallSegments | None = None) -> dict[
         properties = {
             "id": int(found.identity[number]),
             "existence": _number(found.existence[number]),
-            "reflection": _number(found.reflection[number]),
-            "reflection_std": _number(np.sqrt(max(found.reflection_var[number], 0))),
+            "reflection": _number(coefficient[number]),
+            "reflection_std": _number(spread[number]),
             "sfv_m": [_number(x) for x in found.sfv_m[number]],
             "normal_rad": _number(found.line[number, 0]),
             "offset_m": _number(found.line[number, 1]),

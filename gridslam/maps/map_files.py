@@ -292,8 +292,8 @@ def write_nav2(grid: MapCells, directory: str | os.PathLike[str], walls: WallSeg
 def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments) -> None:
     """Write ``cells.csv`` (observed cells by their centres), ``surfaces.csv`` and, if any, ``features.csv``.
 
-    The latter has one row per stretch of a surface where there is a wall, and one without ends for a surface
-    that has none.
+    Surfaces have one row per stretch where there is a wall, and one without ends where there is none; of
+    coefficients of which nothing was learned the cells are empty.
 
     Raises
     ------
@@ -309,7 +309,9 @@ def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegm
     surfaces = grid.surfaces if grid.surfaces is not None else SurfaceEstimate.empty()
     names = "identity,normal_rad,offset_m,sfv_x_m,sfv_y_m,reflection,reflection_var,existence"
     names += ",start_x_m,start_y_m,end_x_m,end_y_m"
-    columns = [surfaces.identity, surfaces.line, surfaces.sfv_m, surfaces.reflection, surfaces.reflection_var]
+    moments = np.column_stack([surfaces.reflection, surfaces.reflection_var])
+    moments = np.where(surfaces.reflection_learned[:, None], moments, np.nan)
+    columns = [surfaces.identity, surfaces.line, surfaces.sfv_m, moments]
     table = np.column_stack([*columns, surfaces.existence])
     without = np.setdiff1d(np.arange(len(surfaces)), walls.surface)
     row = np.concatenate([walls.surface, without])

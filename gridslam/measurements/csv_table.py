@@ -17,16 +17,12 @@ import numpy as np
 
 from gridslam.errors import InputError, Note
 from gridslam.io.files import write_bytes
+from gridslam.measurements.foreign_columns import meant_by
 from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, UNITS, VALUES, Columns, check_columns
 from gridslam.world.validation import nearest
 
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
-LENGTHS = {
-    **dict.fromkeys(("range", "dist", "length"), "distance_m, in metres"),
-    **dict.fromkeys(("delay", "toa", "tof"), "distance_m: delays times the speed of light"),
-}
-"""What distances are called elsewhere (first words), and what they are called here."""
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
 
@@ -107,7 +103,10 @@ def read_csv(
         extra = _check_header(header, written, f"{path}: line {begins}", several)
         if extra:
             columns_are = f"column{'s' if len(extra) > 1 else ''} {', '.join(extra)}"
-            warnings.warn(Note(f"{path}: {columns_are} not used"), stacklevel=2)
+            meant = [one for one in map(meant_by, extra) if one and one.column not in header]
+            ways = [f"{one.column}, {one.way}" for one in meant]
+            said = f" ({'; '.join(ways)})" if ways else ""
+            warnings.warn(Note(f"{path}: {columns_are} not used{said}"), stacklevel=2)
         for cells in reader:
             where = f"{path}: line {reader.line_num}"
             if len(cells) not in (0, len(header)):
@@ -230,10 +229,12 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
             where.rpartition(": ")[0], "an empty file", f"a header line {','.join((*KEYS, *VALUES))}"
         )
     for name in header:
-        meant = LENGTHS.get(name.lower().split("_")[0])
-        if meant and "distance_m" not in header:
-            raise InputError(where, f"a column {name!r}, and no distance_m", meant)
-        if not name or (name not in known and difflib.get_close_matches(name.lower(), known)):
+        meant = None if name in known else meant_by(name)
+        misspelt = name not in known and difflib.get_close_matches(name.lower(), known)
+        if meant and meant.column not in header and (misspelt or meant.column != "amplitude"):
+            found = f"a column {name!r}, and no {meant.column}"
+            raise InputError(where, found, f"{meant.column}, {meant.way}")
+        if not name or (misspelt and not meant):
             raise InputError(where, f"an unknown column {name!r}", nearest(name, known))
         if header.count(name) > 1:
             both = [repr(own) for own, column in zip(written, header, strict=True) if column == name]

@@ -165,7 +165,10 @@ def learn(
         detected = np.interp(level, step * np.arange(len(table)), table)
         log = max(1 - share, 0.0) * np.log(1 - chance * detected + 1e-9)
         for amplitude, weight in detection[:, begin[row] : begin[row + 1]].T:
-            if amplitude < 0 or weight <= 1e-3:
+            if weight <= 1e-3:
+                continue
+            if amplitude < 0:
+                log = log + weight * np.log(detected + 1e-9)
                 continue
             log = log + weight * log_rician(amplitude, level, radio[path[row, 3], 8])
         return np.asarray(log)

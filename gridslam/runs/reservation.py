@@ -4,7 +4,7 @@ While a run is at work on the folder NAME, beside it lie ``.NAME.run-lock``, whi
 process ends in whatever way, and ``.NAME.PID.part``, which becomes the folder. What dead processes left of
 these is swept by the next run beside it; finished work is kept, as ``NAME.PID.part``. Only a folder with a
 sign in it, written by a process of this machine, is ever swept: a name alone proves nothing. A part that
-holds a checkpoint stays until its run goes on, or another run overwrites it.
+holds a checkpoint stays until its run goes on, or another run overwrites it; runs beside it say so.
 """
 
 from __future__ import annotations
@@ -268,7 +268,7 @@ def _sweep(target: Path) -> list[str]:
         with contextlib.suppress(OSError):
             if part and is_signed(path, int(part["process"])):
                 if _stale(path, part["name"], int(part["process"]), target):
-                    notes += _clear(path, part)
+                    notes += _clear(path, part, target)
             elif lock and path != lock_of(target) and path.is_file() and path.read_bytes()[:9] == SIGN:
                 with locked(path):
                     pass
@@ -278,8 +278,8 @@ def _sweep(target: Path) -> list[str]:
 def _stale(path: Path, name: str, process: int, target: Path) -> bool:
     """Whether nobody is at work on something any more."""
     if name == target.name:
-        return process == os.getpid() or not psutil.pid_exists(process)
-    if process == os.getpid() or psutil.pid_exists(process):
+        return process == os.getpid() or not _alive(process)
+    if process == os.getpid() or _alive(process):
         return False
     lock = lock_of(path.with_name(name))  # held by a process of another machine, maybe
     if lock.exists():
@@ -288,11 +288,24 @@ def _stale(path: Path, name: str, process: int, target: Path) -> bool:
     return True
 
 
-def _clear(path: Path, part: re.Match[str]) -> list[str]:
-    """Remove a rest, or keep it if it is a whole run; say so."""
+def _alive(process: int) -> bool:
+    """Whether a process is at work: one that was killed has its number until somebody asks how it ended."""
+    try:
+        return bool(psutil.Process(process).status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
+    except psutil.Error:  # another user's, which tells nothing
+        return True
+
+
+def _clear(path: Path, part: re.Match[str], target: Path) -> list[str]:
+    """Remove a rest, or keep it if it is a whole run or one that can go on; say so."""
     folder = path.with_name(part["name"])
     if holds_checkpoint(path):
-        return []
+        if part["name"] == target.name:
+            return []
+        ways = f"gridslam run --resume {folder} goes on with it, --overwrite gives it up"
+        return [f"{folder} is an unfinished run, kept hidden in {path.name}: {ways}"]
     if part["old"] and not folder.exists():  # ended between the two renames
         path.rename(folder)
         unsign(folder)

@@ -200,7 +200,8 @@ class Unfinished:
         if not self.agents:
             return "no step"
         last = self.agents[-1]
-        return f"{last.done} of {last.total} steps of {last.name}"
+        far = "all" if last.done == last.total else f"{last.done} of"
+        return f"{far} {last.total} steps of {last.name}"
 
     def _commit(self, agents: list[Progress], new: Mapping[str, str], old: str = "") -> None:
         """Let new files count, and an old one no longer."""

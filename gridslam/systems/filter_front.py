@@ -21,6 +21,7 @@ from gridslam.maps.map import Map
 from gridslam.maps.run_identity import Identity, refuse_heard
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.observation import Kind, Observation
+from gridslam.world.scan import require_step
 from gridslam.world.scene import Scene
 from gridslam.world.start import require_seed
 
@@ -29,11 +30,16 @@ Believed = TypeVar("Believed")
 
 
 class Moment(NamedTuple):
-    """Where a filter has got to: what it believes, which measurements led there, and the latest step."""
+    """Where a filter has got to: what it believes, which measurements led there, and the latest step.
+
+    `number` is that of the latest scan; None before the first, and of a checkpoint, which holds no more of it
+    than its time.
+    """
 
     believed: Any
     identity: Identity
     info: Any = None
+    number: int | None = None
 
 
 class FilterFront(ABC, Generic[Observed, Believed]):
@@ -182,18 +188,19 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         Raises
         ------
         InputError
-            It makes no sense, see `Scan.checked` and `SignalScan.checked`, or the map that the filter began
-            with was made of it; the filter stays as it was.
+            It makes no sense, see `Scan.checked` and `SignalScan.checked`, its step isn't after that of the
+            scan before, or the map that the filter began with was made of it; the filter stays as it was.
         """
         began = time.perf_counter()
         scan = self._checked(scan, self.state.time_s)
+        require_step(scan.step, self.now.number)
         identity = self.now.identity.after(scan)
         if identity.scans == 1:
             refuse_heard(self.provenance, identity)
         believed, info = self._advanced(scan)
         estimate = self.estimate(believed, scan, info, began)
         # last and at once: whatever interrupts a step leaves the moment before
-        self.now = Moment(believed, identity, info)
+        self.now = Moment(believed, identity, info, scan.step)
         return estimate
 
     def _checked(self, scan: Observed, after: float | None) -> Observed:

@@ -263,7 +263,8 @@ def draw_all(
                 drawn["reflection"] = draw_reflection(found.map, run.scene, width)
                 levels = found.estimates[-1].coefficients.items() if found.estimates else ()
                 words = ", ".join(f"{name} {mean:.2f} ± {std:.2f}" for name, (mean, std) in levels)
-                drawn["reflection"].axes[0].set_title(words, fontsize="small")
+                if words:
+                    drawn["reflection"].axes[0].set_title(words, fontsize="small")
             if isinstance(found.measurements, Recording):
                 drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
                 if truth is not None and not learned:  # features are no images of walls

@@ -214,7 +214,8 @@ def surface_table(grid: Map) -> str:
     if table is None or not len(table):
         return "<p>No surface was found.</p>"
     rows, walls = [], grid.wall_segments()
-    for number in range(len(table)):
+    for number, learned in enumerate(table.reflection_learned):
+        spread = np.sqrt(max(table.reflection_var[number], 0))
         own = walls.surface == number
         stretches, length = walls.ends_m[own], walls.length_m[own].sum()
         nowhere = OPEN if np.isfinite(table.extent_m[number]).all() else NOT_HIT
@@ -224,7 +225,7 @@ def surface_table(grid: Map) -> str:
                 "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 0]) or nowhere,
                 "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 1]) or "-",
                 "-" if not len(stretches) else f"{length:.2f} m" if length >= 0.005 else ONE_PLACE,
-                f"{table.reflection[number]:.2f} ± {np.sqrt(max(table.reflection_var[number], 0)):.2f}",
+                f"{table.reflection[number]:.2f} ± {spread:.2f}" if learned else "not measured",
                 f"{table.existence[number]:.3f}",
             ]
         )

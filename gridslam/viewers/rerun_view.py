@@ -197,9 +197,13 @@ class RunView:
         hit = np.isfinite(surfaces.extent_m).all(1)
         found, other = surfaces.take(hit & detected), surfaces.take(hit & ~detected)
         spread = np.sqrt(np.maximum(found.reflection_var, 0))
-        rows = zip(found.identity, found.reflection, spread, found.existence, strict=True)
-        labels = [f"{who}: R {value:.2f} ± {std:.2f}, exists {sure:.3f}" for who, value, std, sure in rows]
+        known = found.reflection_learned
+        moments = zip(found.reflection, spread, known, strict=True)
+        words = [f"R {value:.2f} ± {std:.2f}" if told else "R not measured" for value, std, told in moments]
+        rows = zip(found.identity, words, found.existence, strict=True)
+        labels = [f"{who}: {word}, exists {sure:.3f}" for who, word, sure in rows]
         color = colormaps["viridis"](np.clip(found.reflection, 0, 1), bytes=True)
+        color[~known] = GREY
         self._lines("world/surfaces", found.ends_m, SURFACES, 2.5, color)
         self._labels("world/surfaces", found.ends_m.mean(1), labels)
         self._lines("world/candidates", other.ends_m, SURFACES, 0.8, GREY)

@@ -57,10 +57,10 @@ class NetworkScan:
         Raises
         ------
         InputError
-            Another number of agents, rows at another time, a time that is NaN or goes back, or any fault of
-            a row; see `Scan.checked`.
+            Another number of agents, rows at another time, a time that is NaN or not later than that
+            of the scan before, or any fault of a row; see `Scan.checked`.
         """
-        require_time(self.time_s, after)
+        require_time("scan", self.time_s, after)
         if agents is not None and len(self.scans) != agents:
             raise InputError("scan: scans", f"{len(self.scans)} agents", f"{agents}, None for an absent one")
         whole = []

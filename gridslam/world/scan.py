@@ -24,9 +24,12 @@ class Scan:
     Attributes
     ----------
     step : int
+        Rises from scan to scan; one that is left out is a silent one.
     time_s : float
+        Rises strictly from scan to scan: all that is heard at one time is one scan.
     anchor : (M,) int
-        Index of the anchor; -1 where it isn't known.
+        Index of the anchor in the scene's order, ``scene.anchor_names``, from 0; -1 where it isn't known.
+        Another order can't be noticed, since a scan holds no names; `Measurements` do.
     distance_m : (M,) float64
     aod_rad, aoa_rad : (M,) float64
         Departure relative to the anchor's orientation, arrival relative to the heading; NaN where not
@@ -86,7 +89,7 @@ class Scan:
         InputError
             Columns of other lengths or none of numbers, an anchor that there isn't, an infinite value, a
             length, amplitude or deviation that isn't above 0, a row without any value, or a time that is NaN
-            or goes back.
+            or isn't later than that of the scan before.
         """
         given = {name: getattr(self, name) for name in (*VALUES, *OPTIONAL)}
         try:
@@ -104,7 +107,7 @@ class Scan:
                 raise InputError(
                     f"scan: {name}", f"shape {column.shape}", f"({anchor.size},), one per anchor's row"
                 )
-        require_time(time, after)
+        require_time("scan", time, after)
         if len(anchor) and _doubtful(columns, anchor, anchors, unlabelled, pseudo):
             still = {"step": np.zeros(len(anchor), np.intp), "time_s": np.full(len(anchor), time)}
             whole = still | {"anchor": anchor} | columns
@@ -112,12 +115,37 @@ class Scan:
         return Scan(self.step, time, anchor, **columns)
 
 
-def require_time(time_s: float, after: float | None = None) -> None:
-    """Refuse a scan's time that isn't a number, or goes back behind that of the scan before."""
+def require_time(where: str, time_s: float, after: float | None = None) -> None:
+    """Refuse a time that isn't a number, or isn't later than `after`, that of the scan before.
+
+    Times rise strictly, as in tables: a scan that is handed over twice would count twice.
+
+    Raises
+    ------
+    InputError
+        Either.
+    """
     if not np.isfinite(time_s):
-        raise InputError("scan: time_s", str(time_s), "a finite number")
-    if after is not None and time_s < after:
-        raise InputError("scan: time_s", str(time_s), f"{after} or later: time doesn't go back")
+        raise InputError(f"{where}: time_s", str(time_s), "a finite number")
+    if after is not None and time_s <= after:
+        allowed = f"later than {after}, the scan before: all that is heard at one time is one scan"
+        raise InputError(f"{where}: time_s", str(time_s), allowed)
+
+
+def require_step(step: object, after: int | None = None) -> None:
+    """Refuse a step that isn't a number, or isn't above `after`, that of the scan before.
+
+    Raises
+    ------
+    InputError
+        Either.
+    """
+    try:
+        number = float(step)  # type: ignore[arg-type]  # whatever somebody gave
+    except (TypeError, ValueError):
+        raise InputError("scan: step", repr(step), "a whole number") from None
+    if after is not None and number <= after:
+        raise InputError("scan: step", str(step), f"above {after}, the scan before: one scan for each step")
 
 
 def _doubtful(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
+from gridslam.world.scan import require_time
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,7 @@ class SignalScan:
         ------
         InputError
             Other shapes, samples of a heard anchor that are NaN, infinite or all 0, a heading that isn't
-            finite, or a time that is NaN or goes back.
+            finite, or a time that is NaN or isn't later than that of the scan before.
         """
         try:
             time = float(self.time_s)
@@ -86,10 +87,7 @@ class SignalScan:
             raise InputError(
                 "signal: samples", "zeros alone in a heard snapshot", "what was received, or heard = false"
             )
-        if not np.isfinite(time):
-            raise InputError("signal: time_s", str(time), "a finite number")
-        if after is not None and time < after:
-            raise InputError("signal: time_s", str(time), f"{after} or later: time doesn't go back")
+        require_time("signal", time, after)
         if heading is not None and not np.isfinite(heading):
             raise InputError("signal: heading_rad", str(heading), "a finite number, or None")
         samples[~heard] = 0

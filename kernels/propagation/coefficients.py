@@ -94,17 +94,21 @@ def say(
 ):  # fmt: skip
     """Log-likelihood over one coefficient of a path, `other` the product of the rest, softly by association.
 
-    Rician for detections, ``1 - p_d`` for misses: detections alone are biased by the threshold
-    (docs/model.md, (M42)).
+    Rician for detections, ``p_d`` for those without an amplitude, ``1 - p_d`` for misses: detections alone
+    are biased by the threshold, and misses alone all the more (docs/model.md, (M42)).
     """
     missed = ti.max(1 - summary[SHARE, row], 0.0)
     at_1m, samples = radio[path[row, 3], AT_1M], radio[path[row, 3], SAMPLES]
     for n in range(BINS):
         level = at_1m / ti.max(summary[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
-        log[n] = missed * logarithm_of(1 - summary[CHANCE, row] * detection_of(level, table, step) + 1e-9)
+        heard = detection_of(level, table, step)
+        log[n] = missed * logarithm_of(1 - summary[CHANCE, row] * heard + 1e-9)
         for k in range(begin[row], begin[row + 1]):
-            if detection[0, k] >= 0 and detection[1, k] > FAINT:
-                log[n] += detection[1, k] * log_rician(detection[0, k], level, samples)
+            if detection[1, k] > FAINT:
+                if detection[0, k] >= 0:
+                    log[n] += detection[1, k] * log_rician(detection[0, k], level, samples)
+                else:
+                    log[n] += detection[1, k] * logarithm_of(heard + 1e-9)
 
 
 @ti.func

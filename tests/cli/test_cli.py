@@ -209,7 +209,9 @@ def test_impatient_ctrl_c_loses_the_agent_on_its_way_alone(say, short_room, no_f
     interrupted_at(monkeypatch, "agent2", 1, twice)
     result = say("run", short_room, "-o", "out")
     assert result.code == 130
-    assert result.complaints == ["interrupted after 5 of 5 steps of agent1: out holds what was done"]
+    assert result.complaints == [
+        "interrupted after all 5 steps of agent1, before the last of agent2: out holds what was done"
+    ]
     assert list(json.loads(Path("out/run.json").read_text())["agents"]) == ["agent1"]
 
 
@@ -230,8 +232,24 @@ def test_ctrl_c_while_drawing_keeps_the_run(say, short_room, monkeypatch):
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", stop)
     result = say("run", short_room, "--agent", "agent1", "-o", "out")
     assert result.code == 130
-    assert "out holds what was done" in result.err
+    assert result.complaints == [
+        "interrupted in drawing, after the last step: out holds all but figures (gridslam plot out)"
+    ]
     assert gs.Map.load("out/map.h5").observed.any()
+
+
+def test_ctrl_c_while_scoring_keeps_the_run(say, short_room, no_figures, monkeypatch):
+    """No step is missing, so none is counted: what is missing is named."""
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gridslam.cli.run._scores", stop)
+    result = say("run", short_room, "--agent", "agent1", "-o", "out")
+    assert (result.code, result.complaints) == (
+        130, ["interrupted in scoring, after the last step: out holds all but scores by the truth"],
+    )  # fmt: skip
+    assert not json.loads(Path("out/run.json").read_text())["agents"]["agent1"]["interrupted"]
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,10 @@ CSV_FAULTS = {
     "no rows": (HEADER, "no rows"),
     "missing column": (ROWS.replace("time_s,", ""), "no column 'time_s'"),
     "unknown column": (ROWS.replace("distance_m", "distance"), "distance_m (nearest known)"),
+    "milliseconds": (
+        ROWS.replace("time_s", "time_ms"),
+        "no time_s; allowed: time_s, in seconds: time_ms / 1000",
+    ),
     "steps out of order": (HEADER + "1,1.0,A,3,0,0,9\n0,0.0,A,3,0,0,9\n", "line 3"),
     "times that stand still": (HEADER + "0,1.0,A,3,0,0,9\n1,1.0,A,3,0,0,9\n", "time_s"),
     "unknown anchor": (ROWS.replace("B", "Z"), "'Z'"),

@@ -39,6 +39,19 @@ def test_what_users_hold_is_told_in_one_line(run):
     assert "anchors A, B, true track known" in one_line(repr(gs.simulate(run.scene, "agent1", 1)))
 
 
+def test_a_run_counts_the_steps_at_which_it_was_unwell_in_its_line(run):
+    estimates = list(run.estimates)
+    sick = replace(estimates[0].health, ok=False, why="nothing fits")
+    for number, words in ((0, "unwell at 1 step>"), (2, "unwell at 2 steps>")):
+        estimates[number] = replace(estimates[number], health=sick)
+        assert one_line(repr(replace(run, estimates=estimates))).endswith(f", {words}")
+    cut = one_line(repr(replace(run, estimates=estimates, interrupted=True)))
+    assert cut.endswith(", unwell at 2 steps, interrupted>")
+    assert "unwell" not in repr(run)
+    long = replace(run, estimates=estimates * 4000, surfaces=run.surfaces.take([0] * 1000))
+    assert "12000 steps, 1000 surfaces, unwell at 8000 steps>" in one_line(repr(long))
+
+
 def test_unwell_filter_says_so_in_its_line(run):
     sick = replace(run.estimates[0].health, ok=False, why="nothing fits")
     assert repr(replace(run.estimates[0], health=sick)).endswith("nothing fits>")

@@ -210,6 +210,31 @@ def test_import_command(say, tmp_path):
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_anchors_and_the_start_may_have_heights(say, tmp_path):
+    save(tmp_path / "plan.geojson", feature("Polygon", [ROOM]))
+    words = ("scene", "import", "plan.geojson", "-o", "tall.toml", "--anchor", "1,5,2.5,-45")
+    assert say(*words, "--anchor", "7,1,2.2,135", "--start", "4,3,0.4,90")[0] == 0
+    scene = Scene.load(tmp_path / "tall.toml")
+    assert [anchor.position_m for anchor in scene.anchors] == [(1, 5, 2.5), (7, 1, 2.2)]
+    assert [anchor.orientation_deg for anchor in scene.anchors] == [-45, 135]
+    (agent,) = scene.agents
+    assert (agent.start_m, agent.start_heading_deg, agent.height_m) == ((4, 3), 90, 0.4)
+    for more, says in (
+        (("--anchor", "7,1,135"), "--anchor: found '7,1,135', without a height; allowed: x,y,z,deg for all"),
+        (("--start", "4,3"), "--start: found '4,3', without a height; allowed: x,y,z,deg for all"),
+        (
+            ("--anchor", "7,1,2,1,5"),
+            "'7,1,2,1,5'; allowed: x,y or x,y,deg, or with heights x,y,z,deg",
+        ),
+    ):
+        code, _, wrong = say(*words[:4], "other.toml", *words[5:], *more)
+        assert (code, wrong.count("\n")) == (2, 1)
+        assert says in wrong
+    flat = (*words[:4], "other.toml", "--anchor", "1,5,-45", "--start", "4,3,0.4,90")
+    assert "--start: found '4,3,0.4,90', with a height" in say(*flat)[2]
+    assert not (tmp_path / "other.toml").exists()
+
+
 def test_surfaces_go_out_and_come_back_as_walls(tmp_path):
     ends = np.array([[[-2.0, 3.0], [1.5, 3.0]], [[2.6, -3.0], [2.9, 1.0]]])
     line = line_through(ends[:, 0], ends[:, 1])

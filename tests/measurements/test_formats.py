@@ -104,6 +104,20 @@ ROW = "0,0.0,A,1.0,0.5,0.5,3.0"
         (HEADER + ",step\n" + ROW + ",0", ": line 1", "'step' twice"),
         (HEADER.replace("distance_m", "range") + f"\n{ROW}", ": line 1", "allowed: distance_m, in metres"),
         (HEADER.replace("distance_m", "ToA_ns") + f"\n{ROW}", ": line 1", "times the speed of light"),
+        (HEADER.replace("time_s", "time_ms") + f"\n{ROW}", ": line 1", "time_s, in seconds: time_ms / 1000"),
+        (HEADER.replace("time_s", "t_us") + f"\n{ROW}", ": line 1", "time_s, in seconds: t_us / 1e6"),
+        (HEADER.replace("time_s", "timestamp") + f"\n{ROW}", ": line 1", "allowed: time_s, in seconds"),
+        (
+            HEADER.replace("distance_m", "distance_cm") + f"\n{ROW}",
+            ": line 1",
+            "distance_cm / 100",
+        ),
+        (HEADER.replace("amplitude", "amplitude_db") + f"\n{ROW}", ": line 1", "10 ** (amplitude_db / 20)"),
+        (
+            HEADER.replace("amplitude", "distance_std") + f"\n{ROW}",
+            ": line 1",
+            "distance_std_m (nearest",
+        ),
         (f"{HEADER}\n{ROW},9", ": line 2", "8 cells"),
         (f"{HEADER}\n{ROW}\n1,1.0,A,1.0", ": line 3", "4 cells"),
         (f"{HEADER}\n{ROW}\n\n1,1.0,A,far,0,0,3", ": line 4: distance_m", "'far'"),
@@ -132,6 +146,40 @@ def test_csv_fault_is_told_with_its_line(tmp_path, text, where, says):
     assert caught.value.where == f"{path}{where}"
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [
+        ("snr_db", "10 ** (snr_db / 20)"),
+        ("SNR", "SNR ** 0.5"),
+        ("rssi_db", "10 ** ((rssi_db - level of the noise in db) / 20)"),
+        ("power_dbm", "10 ** ((power_dbm - level of the noise in dbm) / 20)"),
+        ("power", "(power / that of the noise) ** 0.5 of powers"),
+    ],
+)
+def test_csv_without_amplitudes_says_what_would_be_some(tmp_path, name, way):
+    path = tmp_path / "a.csv"
+    path.write_text(HEADER.replace("amplitude", name) + f"\n{ROW}")
+    with pytest.warns(Note) as told:
+        table = Measurements.from_csv(path, ["A", "B"])
+    assert np.isnan(table.amplitude).all()
+    line = f"{path}: column {name} not used (amplitude, the root of the SNR: {way})"
+    assert [str(note.message) for note in told] == [line]
+    path.write_text(f"{HEADER},{name},time_ms\n{ROW},9,9")
+    with pytest.warns(Note, match=f"columns {name}, time_ms not used$"):
+        Measurements.from_csv(path, ["A", "B"])
+
+
+def test_constant_deviations_of_angles_are_columns_in_degrees_too(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{HEADER},aod_std_deg,aoa_std_deg\n{ROW},3,2\n1,1.0,B,2.0,,0.5,3.0,,2\n")
+    table = Measurements.from_csv(path, ["A", "B"])
+    np.testing.assert_allclose(np.degrees(table.aoa_std_rad), [2, 2])
+    np.testing.assert_allclose(np.degrees(table.aod_std_rad), [3, np.nan])
+    path.write_text(f"{HEADER},aoa_std_deg\n{ROW},0\n")
+    with pytest.raises(InputError, match=r"line 2: aoa_std_deg: found 0\.0; allowed: a number above 0$"):
+        Measurements.from_csv(path, ["A", "B"])
 
 
 def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):

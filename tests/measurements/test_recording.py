@@ -152,7 +152,7 @@ SCANS = {
     "zeros": ({"samples": np.zeros((1, 1, 1, 41))}, "zeros"),
     "heard": ({"heard": np.ones(2, bool)}, "heard"),
     "time": ({"time_s": np.nan}, "time_s"),
-    "back": ({"time_s": -1.0}, "time doesn't go back"),
+    "back": ({"time_s": -1.0}, "later than -0.5"),
     "heading": ({"heading_rad": np.inf}, "heading"),
     "text": ({"samples": "none"}, "numbers"),
 }

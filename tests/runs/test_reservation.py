@@ -12,7 +12,7 @@ import pytest
 from tiny import TINY
 
 from gridslam.errors import InputError
-from gridslam.runs.parts import MARK, sign
+from gridslam.runs.parts import INDEX, MARK, UNFINISHED, sign
 from gridslam.runs.reservation import reserve, reserve_free
 from gridslam.runs.run_files import read_run
 from gridslam.systems.grid import GridSlam
@@ -142,6 +142,35 @@ def test_killed_run_blocks_nobody_and_is_told(tiny, no_figures):
     assert len(result.complaints) == 1
     assert f"note: process {killed.pid}, which is gone" in result.err
     assert here() == ["out", "tiny.toml"]
+
+
+def test_rest_of_a_killed_run_is_swept_though_nobody_has_asked_how_it_ended(tmp_path, monkeypatch):
+    """A killed process keeps its number until its parent, in a container maybe nobody, waits for it."""
+    monkeypatch.chdir(tmp_path)
+    killed = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    part = Path(f".two.{killed.pid}.part")
+    part.mkdir()
+    sign(part, killed.pid)
+    with reserve("one"):
+        assert part.exists()  # it lives
+    killed.kill()
+    os.waitid(os.P_PID, killed.pid, os.WEXITED | os.WNOWAIT)
+    with reserve("one"):
+        assert not part.exists()
+    killed.communicate()
+    assert here() == []
+
+
+def test_unfinished_run_of_the_dead_stays_and_runs_beside_it_tell(tmp_path, monkeypatch, dead):
+    monkeypatch.chdir(tmp_path)
+    hidden = Path(f".two.{dead}.part")
+    (hidden / UNFINISHED).mkdir(parents=True)
+    (hidden / UNFINISHED / INDEX).touch()
+    sign(hidden, dead)
+    with reserve("one") as place:
+        (note,) = place.notes
+    assert f"two is an unfinished run, kept hidden in {hidden}: gridslam run --resume {tmp_path}/two" in note
+    assert (hidden / UNFINISHED / INDEX).exists()
 
 
 def test_rests_of_the_dead_are_swept_and_nothing_else(tmp_path, monkeypatch, dead):

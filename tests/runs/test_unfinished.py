@@ -125,7 +125,7 @@ def test_run_that_was_through_but_for_its_scores_is_scored(tiny, whole, monkeypa
         patch.setattr("gridslam.cli.run._scores", stop)
         result = tiny(*RUN, "-o", "out", "--checkpoint", "1")
     assert (result.code, len(result.complaints)) == (130, 1)
-    assert "after 2 of 2 steps of agent2" in result.err
+    assert "after all 2 steps of agent2" in result.err
     monkeypatch.setattr(GridSlam, "step", None)  # nothing is left to do
     assert tiny("run", "--resume", "out").code == 0
     same_runs(whole(), "out")

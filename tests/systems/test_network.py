@@ -209,7 +209,7 @@ def test_scans_that_make_no_sense_are_refused(exchange, simulated):
             slam.step(bad)
     assert slam.state.step == 0
     slam.step(NetworkScan(4, 4.0, (None,) * 3))
-    with pytest.raises(InputError, match=r"found 3\.0; allowed: 4\.0 or later"):
+    with pytest.raises(InputError, match=r"found 3\.0; allowed: later than 4\.0"):
         slam.step(NetworkScan(5, 3.0, (None,) * 3))
     for names, says in ((["agent1", "agent1"], "twice"), (["nobody"], "nobody"), ([], "none")):
         with pytest.raises(InputError, match=says):

@@ -26,7 +26,12 @@ def changed(name, row, value):
 
 
 BAD = {
-    "time goes back": (lambda scan: replace(scan, time_s=1.0), r"time_s: found 1\.0; allowed: 2\.0 or later"),
+    "time goes back": (lambda scan: replace(scan, time_s=1.0), r"time_s: found 1\.0; allowed: later than 2"),
+    "same scan again": (lambda _: SCANS[2], r"time_s: found 2\.0; allowed: later than 2\.0, .*one scan"),
+    "same time again": (lambda scan: replace(scan, time_s=2.0), r"time_s: found 2\.0; allowed: later than"),
+    "same step again": (lambda scan: replace(scan, step=2), "scan: step: found 2; allowed: above 2, the"),
+    "step is text": (lambda scan: replace(scan, step="four"), "step: found 'four'; allowed: a whole number"),
+    "steps that go back": (lambda scan: replace(scan, step=0), "scan: step: found 0; allowed: above 2"),
     "no time": (lambda scan: replace(scan, time_s=np.nan), "scan: time_s: found nan; allowed: a finite"),
     "time is text": (lambda scan: replace(scan, time_s="soon"), "scan: found could not convert"),
     "short column": (lambda scan: replace(scan, aod_rad=scan.aod_rad[:-1]), r"scan: aod_rad: found shape \("),
@@ -63,13 +68,27 @@ def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
         np.testing.assert_array_equal(here.covariance, there.covariance)
 
 
-def test_lists_will_do_and_a_second_scan_of_one_moment():
+def test_lists_will_do_for_columns():
     one, two = gs.GridSlam(SCENE, seed=1), gs.GridSlam(SCENE, seed=1)
     names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
     listed = replace(SCANS[0], **{name: getattr(SCANS[0], name).tolist() for name in names})
     np.testing.assert_array_equal(one.step(SCANS[0]).position_m, two.step(listed).position_m)
-    assert np.isfinite(one.step(replace(SCANS[1], time_s=SCANS[0].time_s)).covariance).all()
     one.step(gs.Scan(2, 2.0, [], [], [], [], []))
+
+
+def test_a_scan_that_a_checkpoint_holds_is_refused_after_it(tmp_path):
+    slam = gs.GridSlam(SCENE, seed=1)
+    slam.step(SCANS[0])
+    slam.save(tmp_path / "after.h5")
+    with pytest.raises(gs.InputError, match=r"scan: time_s: found 0\.0; allowed: later than 0\.0"):
+        gs.GridSlam.resume(tmp_path / "after.h5").step(SCANS[0])
+
+
+def test_signals_and_agents_at_once_are_taken_in_once_a_time():
+    agents = gs.NetworkScan(0, 3.0, (SCANS[3],))
+    for scan in (SCANS[3], agents, gs.SignalScan(0, 3.0, np.ones((2, 1, 1, 5)), np.ones(2, bool))):
+        with pytest.raises(gs.InputError, match=r"time_s: found 3\.0; allowed: later than 3\.0"):
+            scan.checked(2, after=3.0)
 
 
 def test_columns_that_were_not_measured_may_be_left_out():

@@ -1,0 +1,46 @@
+"""What columns of tables are called elsewhere, and how their numbers become ours."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+TIME, LENGTH = ("time", "timestamp", "t"), ("distance", "range", "dist", "length")
+DELAY = ("delay", "toa", "tof")
+RATIO, LEVEL = ("snr", "amplitude"), ("rssi", "rss", "rsrp", "power", "gain")
+"""First words of names: of times, lengths, delays, levels over the noise and levels alone."""
+SECOND = {"ms": "1000", "us": "1e6", "ns": "1e9"}
+METRE = {"mm": "1000", "cm": "100", "km": "0.001", "ft": "3.28084", "feet": "3.28084"}
+"""How many of a unit there are in ours."""
+OURS, DECIBELS = ("time", "distance", "amplitude"), ("db", "dbm")
+
+
+class Meant(NamedTuple):
+    """Which of our columns a foreign one could be, and how: ``distance_m``, "in metres: range_cm / 100"."""
+
+    column: str
+    way: str
+
+
+def meant_by(name: str) -> Meant | None:
+    """What a column of another name than ours could be."""
+    first, _, rest = name.lower().partition("_")
+    unit = rest.rpartition("_")[2]
+    if first in OURS and rest not in (*SECOND, *METRE, *DECIBELS):
+        return None  # one of ours misspelt, as distance_std is
+    if first in TIME:
+        return Meant("time_s", "in seconds" + (f": {name} / {SECOND[unit]}" if unit in SECOND else ""))
+    if first in LENGTH:
+        return Meant("distance_m", "in metres" + (f": {name} / {METRE[unit]}" if unit in METRE else ""))
+    if first in DELAY:
+        seconds = f"{name} / {SECOND[unit]}" if unit in SECOND else "delays"
+        return Meant("distance_m", f"in metres: {seconds} times the speed of light, 299792458")
+    root, decibels = "the root of the SNR", unit in DECIBELS
+    if first in RATIO and decibels:
+        return Meant("amplitude", f"{root}: 10 ** ({name} / 20)")
+    if first in LEVEL and decibels:
+        return Meant("amplitude", f"{root}: 10 ** (({name} - level of the noise in {unit}) / 20)")
+    if first == "snr":
+        return Meant("amplitude", f"{root}: {name} ** 0.5")
+    if first in LEVEL:
+        return Meant("amplitude", f"{root}: ({name} / that of the noise) ** 0.5 of powers")
+    return None

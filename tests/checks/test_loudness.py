@@ -1,0 +1,53 @@
+"""Amplitudes that are decibels, at whatever level the scene says: their course with the distance tells."""
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.checks import loudness as module
+from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.loudness import loudness
+
+SCENE = gs.Scene.load("room")
+
+
+@pytest.fixture(scope="module")
+def heard():
+    return gs.simulate(SCENE, "agent1", 1)
+
+
+@pytest.fixture(scope="module")
+def sight(heard):
+    return explain(dict(heard.columns), SCENE, "agent1")
+
+
+def named(amplitude, sight):
+    return [(found.kind, found.certain) for found in loudness(amplitude, sight, SCENE)]
+
+
+@pytest.mark.parametrize("above_db", [0, 10, 20, 30])
+def test_decibels_above_another_level_than_the_scene_s_are_named(heard, sight, above_db):
+    """From 20 dB on it was the scene's radio.snr_at_1m_db that was called too low."""
+    assert named(20 * np.log10(heard.amplitude) + above_db, sight) == [("dB", True)]
+
+
+@pytest.mark.parametrize("louder_db", [-10, -5, 0, 5, 10, 20, 30])
+def test_right_amplitudes_of_a_louder_or_fainter_radio_are_no_decibels(heard, sight, louder_db):
+    kinds = [kind for kind, _ in named(heard.amplitude * 10 ** (louder_db / 20), sight)]
+    assert kinds == (["level"] if abs(louder_db) > 6 else [])
+
+
+def test_amplitudes_that_scatter_are_no_decibels(sight):
+    """Of faint paths the logarithm scatters more than decibels would: only loud ones are judged so."""
+    draw = np.random.default_rng(1)
+    near = sight.distance_m[sight.probability > 0.7]
+    amplitude = np.full(sight.row.max() + 1, np.nan)
+    for level in (3, 5, 8, 12, 16, 20, 30):
+        faded = level * np.median(near) / near * 10 ** (draw.normal(0, 5, len(near)) / 20)
+        amplitude[sight.row[sight.probability > 0.7]] = faded
+        assert "dB" not in [kind for kind, _ in named(amplitude, sight)], level
+
+
+def test_a_hint_of_decibels_is_no_certainty(heard, sight, monkeypatch):
+    monkeypatch.setattr(module, "CERTAIN", 1e6)
+    assert named(20 * np.log10(heard.amplitude) + 20, sight) == [("dB", False)]

@@ -1,0 +1,43 @@
+"""What `check` says of tables in which nothing is suspected is so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.checks import verdict
+from gridslam.checks.line_of_sight_filter import explain
+
+SCENE = gs.Scene.load("room")
+
+
+@pytest.fixture(scope="module")
+def seen():
+    table = dict(gs.simulate(SCENE, "agent1", 1).columns)
+    return table, explain(table, SCENE, "agent1")
+
+
+@pytest.mark.parametrize(
+    ("first", "share", "says"),
+    [
+        (100, 0.04, "the first 100 steps: B (in 4% of "),
+        (None, 0.04, "all steps: B (in 4% of "),
+        (100, np.nan, "the first 100 steps: B (in 0% of "),
+    ],
+)
+def test_an_anchor_that_is_seen_later_is_not_said_to_be_out_of_sight(seen, monkeypatch, first, share, says):
+    """It may be in sight in some scans, and its rows may be wrong: what is said is what was counted."""
+    table, sight = seen
+    fake = replace(sight, shares=np.array([1.0, share]), first=first)
+    monkeypatch.setattr(verdict, "settled", lambda *_: fake)
+    line = verdict.verdict(table, np.arange(2), SCENE, "agent1")
+    assert "units and frames fit the scene" in line
+    scans = int((table["anchor"][sight.row] == 1).sum())
+    assert line.endswith(f"; not judged, for too few lines of sight in {says}{scans} scans)")
+    assert "out of sight" not in line
+
+
+def test_anchors_that_are_in_sight_are_judged(seen):
+    table, _ = seen
+    assert "not judged" not in verdict.verdict(table, np.arange(2), SCENE, "agent1")
