@@ -21,6 +21,7 @@ from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
 from gridslam.inference.messages.network.departures import without_doubtful_departures
+from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.reflection import Reflected
@@ -85,6 +86,9 @@ def turn(
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
         births, ratios = propose_births(  # eq. (11)
             state, anchor_scan, cloud, ratios, radio, model, senders, work=work
+        )
+        births = without_double_bounces(  # (M491)
+            births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
         ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
