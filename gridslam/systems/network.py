@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam.arrays import replace
 from gridslam.inference.health.reasons import ASTRAY
+from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
 from gridslam.inference.management.poses.pose_recovery import recover_pose
@@ -65,6 +66,7 @@ def step(
     earlier_s = state.time_s
     predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
+    state = look_afresh(state, scan.scans, model, work)  # (M492)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state = learn_walk(predicted, state, model)  # (M331)

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
 from gridslam.inference.management.step_info import NetworkInfo, StepInfo, conclude
@@ -57,6 +58,7 @@ def step(
     earlier_s = state.time_s
     predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
+    state = look_afresh(state, scan.scans, model, work)  # (M492)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     used = [
