@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam.arrays import replace
 from gridslam.inference.health.reasons import ASTRAY
+from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
 from gridslam.inference.management.poses.pose_recovery import recover_pose
@@ -23,6 +24,7 @@ from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
 from gridslam.inference.messages.network.departures import without_doubtful_departures
+from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.path_prediction import predict_paths
@@ -64,6 +66,7 @@ def step(
     earlier_s = state.time_s
     predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
+    state = look_afresh(state, scan.scans, model, work)  # (M492)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state = learn_walk(predicted, state, model)  # (M331)
@@ -123,6 +126,9 @@ def turn(
         cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
         births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, senders, work=work)
+        births = without_double_bounces(  # (M491)
+            births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
+        )
         ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work

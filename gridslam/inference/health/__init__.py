@@ -37,6 +37,8 @@ reason              said when                                   by              
 `fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.against`            (M206)
 `elsewhere`         scans alone fit another place better        `doubt.Doubt.against`            (M253),
                                                                                  (M471)
+                    two lines of sight or more put an agent `fresh_look.FreshLook`           (M492)
+                    of a network elsewhere, three times
 `UNPROVEN`          a start was taken from a list that lacks    `doubt.Doubt.tried`              (M392)
                     places, and nothing has borne it out
 `TURNABLE`          a vague start with one anchor and no AoD    `management.hypotheses`          section 14

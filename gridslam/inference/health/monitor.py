@@ -11,6 +11,7 @@ import numpy as np
 from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
 from gridslam.inference.health import reasons
+from gridslam.inference.health.fresh_look import FreshLook
 from gridslam.inference.state.calibration import KEEP, Calibration
 from gridslam.kernels import SUMS
 from gridslam.world.filter_model import FilterModel
@@ -58,6 +59,8 @@ class HealthMonitor:
         this step, since one joint belief takes only so many.
     lost : int
         Steps for which the agent counts as lost if too little is heard to tell; 0 while it is followed.
+    look : FreshLook
+        Of an agent of a network: what lines of sight alone have said of it lately.
     """
 
     misfit: float = 0.0
@@ -71,6 +74,7 @@ class HealthMonitor:
     crowd: int = 0
     dropped: int = 0
     lost: int = field(default=0, metadata={"later": True})
+    look: FreshLook = field(default=FreshLook(), metadata={"later": True})
 
     def begun(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
@@ -151,6 +155,7 @@ class HealthMonitor:
             found.append(reasons.vague(spread_m))
         elif spread_m > UNCHECKED_M and self.loud < ENOUGH:
             found.append(reasons.unchecked(spread_m))
+        found += self.look.reasons()
         if self.since < AFRESH:
             found.append(reasons.found_again(self.since))
         if self.usual > 0 and share < LOST * self.usual:

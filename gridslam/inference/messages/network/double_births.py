@@ -1,0 +1,80 @@
+"""Births that a double bounce explains as well, put off while they would move a pose.
+
+What is heard over a corner of two walls arrives as if from behind one wall, and departs the way it arrives.
+Where poses are vague a mirror explains that, too, if they give way: one wall is born that isn't there, and
+distance, departure and arrival all fit it. docs/model.md, (M491).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.state.layout import HEADING
+from gridslam.inference.state.particles import Cloud
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import wrap
+from gridslam.world.radio import RadioModel
+
+KNOWN_M = 0.1
+"""Standard deviation of the position (both axes) up to which a birth moves the agent by little."""
+
+
+def without_double_bounces(
+    births: Births, state: State, scan: AnchorScan, cloud: Cloud, ratios: LikelihoodRatios,
+    radio: RadioModel, model: FilterModel, senders: np.ndarray, *, work: Workspace,
+) -> Births:  # fmt: skip
+    """The births of `propose_births`, given what that was, without single bounces that may be double ones.
+
+    Their measurements stay as new as they were: something unknown sent them. Where clocks or the position are
+    known, or no path bounces twice, the births stay the same object.
+    """
+    x, y = state.belief.covariance.diagonal()[:2].tolist()
+    alone = (births.hit < 0).all(1) & (scan.table[births.measurement, 4] >= 0)
+    if not (state.belief.clocks and model.max_bounces > 1 and x + y > KNOWN_M**2 and alone.any()):
+        return births
+    table = scan.table.copy()
+    table[:, 4] = -1.0  # no departure
+    open_, _ = propose_births(
+        state, replace(scan, table=table), cloud, ratios, radio, model, senders, work=work
+    )
+    anyway = {key: ratio for key, ratio in zip(_keys(open_), open_.ratio.tolist(), strict=True)}
+    either = np.array([anyway.get(key, 0.0) for key in _keys(births)])
+    doubly = either * departing_doubly(births, state, scan, radio, model)
+    keep = np.flatnonzero(~alone | (births.ratio > doubly))
+    if len(keep) == len(births):
+        return births
+    return replace(
+        births, measurement=births.measurement[keep], hit=births.hit[keep], line=births.line[keep],
+        ratio=births.ratio[keep], anchor=births.anchor[keep],
+    )  # fmt: skip
+
+
+def _keys(births: Births) -> list[tuple[int, ...]]:
+    """What names each hypothesis: its measurement, the surfaces hit, the anchor."""
+    rows = np.column_stack([births.measurement, births.hit, births.anchor])
+    return [tuple(row) for row in rows.tolist()]
+
+
+def departing_doubly(
+    births: Births, state: State, scan: AnchorScan, radio: RadioModel, model: FilterModel
+) -> Array:
+    """Density (B,) of each birth's departure over double bounces, in ratio to that of any direction.
+
+    Over a corner of a right angle a path departs the way it arrives; over others, anyhow. Either is as likely
+    as a single bounce.
+    """
+    rows = births.measurement.astype(np.intp)
+    strength = np.nan_to_num(scan.amplitude[rows], nan=radio.threshold)
+    angle = scan.value[rows, 1:]
+    _, departing, arriving = deviations(scan, rows, strength, np.nan_to_num(angle), radio).T
+    heading = state.belief.mean[HEADING], state.belief.covariance[HEADING, HEADING]
+    gap = wrap(angle[:, 0] + model.places[births.anchor, 2] - angle[:, 1] - heading[0])
+    variance = departing**2 + arriving**2 + heading[1]
+    return np.asarray(1.0 + np.exp(-0.5 * gap**2 / variance) * np.sqrt(2 * np.pi / variance))

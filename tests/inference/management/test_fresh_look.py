@@ -1,0 +1,89 @@
+"""Lines of sight alone tell where agents of a network are, whatever map and clocks they agree upon."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scene_samples import short
+
+import gridslam as gs
+from gridslam.inference.health.fresh_look import AGREED, TOGETHER_M, FreshLook
+from gridslam.inference.management.network.fresh_look import EVERY, look_afresh
+from gridslam.systems.network import NetworkSlam
+from gridslam.systems.network_grid import NetworkGridSlam
+
+AGENTS = ["agent1", "agent2"]
+OFF_M = np.array([2.0, 5.0])
+
+
+@pytest.fixture(scope="module", params=[NetworkSlam, NetworkGridSlam])
+def hall(request):
+    """A network of two agents after some steps of `exchange`, without labels, and the next scan."""
+    scene = short("exchange", 7, particles=500)
+    radio = scene.radio.model_copy(update={"measures": ("distance", "aod", "aoa", "amplitude")})
+    scene = scene.model_copy(update={"radio": radio})
+    slam = request.param(scene, agents=AGENTS, seed=1)
+    data = gs.simulate(scene, AGENTS, 1, unlabelled=True)
+    for step in range(6):
+        slam.step(data.scan(step))
+    return slam, data.scan(6), [scene.track(name).position_m[6, :2] for name in AGENTS]
+
+
+def carried(state, agents):
+    """The state with some agents believed in at another place, as surely as before."""
+    mean = state.belief.mean.copy()
+    for agent in agents:
+        mean[state.belief.layout.pose(agent).start + np.arange(2)] += OFF_M
+    return replace(state, belief=replace(state.belief, mean=mean), step=EVERY)
+
+
+def looked(slam, state, scan, times=AGREED):
+    for number in range(times):
+        state = look_afresh(replace(state, step=EVERY + number), scan.scans, slam.model, slam.work)
+    return state
+
+
+def test_what_lines_of_sight_bear_out_stays_as_it_is(hall):
+    slam, scan, _ = hall
+    state = replace(slam.state, step=EVERY)
+    after = look_afresh(state, scan.scans, slam.model, slam.work)
+    assert after.belief is state.belief
+    assert not any(record.monitor.look.reasons() for record in after.records)
+
+
+def test_agents_that_are_all_elsewhere_begin_anew_where_lines_of_sight_put_them(hall):
+    slam, scan, true = hall
+    lost = carried(slam.state, range(2))
+    called = looked(slam, lost, scan, AGREED - 1)
+    assert [record.monitor.look.agreed for record in called.records] == [AGREED - 1] * 2
+    assert called.belief is lost.belief
+    after = looked(slam, lost, scan)
+    assert len(after.surfaces) == 0
+    assert after.clocks.unset.all()
+    assert (after.grid is None) == (slam.state.grid is None)
+    if after.grid is not None:
+        assert not after.grid.observed.any()
+    for agent, place in enumerate(true):
+        rows = after.belief.layout.pose(agent).start + np.arange(2)
+        assert np.linalg.norm(after.belief.mean[rows] - place) < 0.3
+        assert after.records[agent].monitor.since == 0
+
+
+def test_an_agent_that_is_elsewhere_alone_is_called_and_keeps_the_map(hall):
+    slam, scan, _ = hall
+    lost = carried(slam.state, [1])
+    after = looked(slam, lost, scan)
+    assert after.belief is lost.belief
+    well, wrong = (record.monitor.look for record in after.records)
+    assert not well.reasons()
+    assert "another place" in wrong.reasons()[0]
+
+
+def test_looks_call_once_they_agree_in_a_row():
+    look = FreshLook()
+    for number in range(AGREED):
+        assert not look.called
+        look = look.elsewhere(60.0, 0.1 * number, 2.0)
+    assert look.called
+    assert not look.elsewhere(60.0, 0.2 + 1.1 * TOGETHER_M, 2.0).called
+    assert not look.here().called
