@@ -188,7 +188,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         Raises
         ------
         InputError
-            It makes no sense, see `Scan.checked` and `SignalScan.checked`, its step isn't after that of the
+            It makes no sense, see `Scan.checked` and `SignalScan.checked`, its step is below that of the
             scan before, or the map that the filter began with was made of it; the filter stays as it was.
         """
         began = time.perf_counter()

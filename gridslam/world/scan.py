@@ -133,7 +133,9 @@ def require_time(where: str, time_s: float, after: float | None = None) -> None:
 
 
 def require_step(step: object, after: int | None = None) -> None:
-    """Refuse a step that isn't a number, or isn't above `after`, that of the scan before.
+    """Refuse a step that isn't a number, or is below `after`, that of the scan before.
+
+    Times tell a scan that is handed over twice; who numbers none of them leaves all at 0.
 
     Raises
     ------
@@ -144,8 +146,8 @@ def require_step(step: object, after: int | None = None) -> None:
         number = float(step)  # type: ignore[arg-type]  # whatever somebody gave
     except (TypeError, ValueError):
         raise InputError("scan: step", repr(step), "a whole number") from None
-    if after is not None and number <= after:
-        raise InputError("scan: step", str(step), f"above {after}, the scan before: one scan for each step")
+    if after is not None and number < after:
+        raise InputError("scan: step", str(step), f"{after} or above, after the scan before")
 
 
 def _doubtful(
