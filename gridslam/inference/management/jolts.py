@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.management.challenge import HANDICAP
 from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.messages.motion import predict_agent
 from gridslam.inference.state.layout import AGENT, HEADING
@@ -29,8 +30,6 @@ FACTORS = fixed(np.sqrt(2.0) ** np.arange(9))
 LIKELIER, UNUSUAL = 3.0, 3.0
 """Nats by which another factor must explain a step's correction better than 1 to be tried, and then the
 step: a jolt is rare."""
-FOUND_AGAIN = 7.0
-"""Nats that it costs instead to have jumped to where the map says."""
 
 
 class Jolt(NamedTuple):
@@ -67,7 +66,7 @@ def stepped(
     again, other = step(before, scan, jolt.allowed(model), work)
     work.recovers = recovers
     gain = comparable(other, again, model) - comparable(info, state, model)
-    if gain < (-FOUND_AGAIN if info.found_again else UNUSUAL):
+    if gain < (-HANDICAP if info.found_again else UNUSUAL):
         return state, info
     return again, replace(other, health=replace(other.health, jolt=(jolt.acceleration, jolt.heading)))
 
