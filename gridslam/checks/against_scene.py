@@ -11,6 +11,7 @@ from gridslam.checks.column_readings import likeliest_way
 from gridslam.checks.fit import least_share
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
+from gridslam.checks.misplaced import with_places
 from gridslam.checks.rivals import (
     EXPLAINED,
     MOST_BEHIND,
@@ -46,7 +47,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
         return []
     plain = explain(asis, scene, agent)
     found, read, sight = _best_cure(asis, scene, agent, plain)
-    kinds = {item.kind for item in found}
+    kinds, cured = {item.kind for item in found}, read
     fits = sight.explained >= (EXPLAINED if scene.walls else least_share(scene))
     if fits and not kinds & {"start", "agent"} and not {"distance_m", "anchor"} & {i.column for i in found}:
         cure = fitting_cure(read, scene, agent, sight)
@@ -54,13 +55,14 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
             cure = offset_alone(asis, scene, agent, sight)
         if cure is not None:
             found += [cure.suspicion] if cure.suspicion is not None else []
-            sight = cure.sight
+            sight, cured = cure.sight, cure.table
         if not found and cure is None and both_measured(asis):
             # from a wrong heading the right one is found, some steps later
             elsewhere = other_start(asis, scene, agent, sight, sight)
             if elsewhere is not None:
                 found, read, sight = _with_start(found, read, sight, asis, elsewhere)
     found = offset_beside(found, asis, read, scene, agent, sight)
+    found = with_places(found, asis, scene, agent, cured)
     found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))

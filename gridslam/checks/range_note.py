@@ -7,6 +7,7 @@ import numpy as np
 from gridslam.checks.diagnose import suspicions
 from gridslam.checks.fit import BLIND, FITTING, least_share, settled, tells_place
 from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.misplaced import with_places
 from gridslam.checks.rivals import CERTAIN, both_measured, orders, range_cure, range_errors
 from gridslam.measurements.observations import Observations
 from gridslam.measurements.table import Measurements
@@ -37,7 +38,9 @@ def range_note(scene: Scene, agent: str, observations: Observations) -> str | No
             return None
         sight = top
     cure = range_cure(table, scene, agent, sight)
-    return None if cure is None or cure.suspicion is None else cure.suspicion.text
+    found = [] if cure is None or cure.suspicion is None else [cure.suspicion]
+    found = with_places(found, table, scene, agent)
+    return found[0].text if found else None
 
 
 def fits_scene(scene: Scene, agent: str, observations: Observations) -> bool:
