@@ -225,6 +225,7 @@ def test_surfaces_without_a_wall_of_some_length_are_explained():
     assert "<p>" not in surface_table(replace(grid, surfaces=surfaces([(0.0, 1.0)])))
 
 
+@pytest.mark.slow
 def test_a_report_made_again_replaces_the_earlier_one_and_no_other_page(run_folder):
     page = write_report(run_folder, moving=False)
     first = page.read_bytes()
