@@ -17,6 +17,7 @@ from gridslam.wording import counted
 out = Console()
 scene_app = Commands(no_args_is_help=True, help="Make, show and import scene files.")
 POSES = "x,y or x,y,deg, or with heights x,y,z,deg"
+UNTURNED = "no angle told, so 0 degrees: it faces along x"
 KINDS = "FILE.geojson, FILE.json or FILE.dxf"
 
 
@@ -126,7 +127,10 @@ def import_plan(
         start_height_m=agent[1] if agent is not None else None,
     )
     picture = write_plan(plan, output)
-    for line in (note, *(f"note: {far}; the region to map reaches there" for far in plan.outside)):
+    notes = [f"--anchor {text}: {UNTURNED}" for text in anchor or () if text.count(",") == 1]
+    notes += [f"--start {start}: {UNTURNED}"] if start is not None and start.count(",") == 1 else []
+    notes += [f"{far}; the region to map reaches there" for far in plan.outside]
+    for line in (note, *(f"note: {told}" for told in notes)):
         if line:
             _say(line)
     for name, (value, why) in plan.materials.items():

@@ -209,10 +209,21 @@ def test_anchor_far_outside_the_walls_is_said(say, tmp_path):
     assert "note: anchor A at 90, 5.2 m stands 82.0 m outside the walls" in reported
 
 
+def test_an_angle_that_nobody_told_is_said_to_be_0(say, tmp_path):
+    save(tmp_path / "plan.geojson", feature("Polygon", [ROOM]))
+    words = ("scene", "import", "plan.geojson", "-o", "flat.toml", "--overwrite", "--anchor", "1,5,90")
+    assert "note" not in say(*words, "--start", "4,3,0")[1]
+    said = say(*words, "--anchor", "7,1", "--start", "4,3")[1]
+    assert [line for line in said.splitlines() if line.startswith("note: ")] == [
+        "note: --anchor 7,1: no angle told, so 0 degrees: it faces along x",
+        "note: --start 4,3: no angle told, so 0 degrees: it faces along x",
+    ]
+
+
 @pytest.mark.slow
 def test_import_command(say, tmp_path):
     save(tmp_path / "plan.geojson", feature("Polygon", [ROOM], material="wall"))
-    words = ("scene", "import", "plan.geojson", "-o", "hall.toml", "--anchor=-0.5,1,0", "--anchor", "7,5")
+    words = ("scene", "import", "plan.geojson", "-o", "hall.toml", "--anchor=-0.5,1,0", "--anchor", "7,5,180")
     code, reported, wrong = say(*words, "--start", "4,3,90", "--material", "wall=concrete", "--cell", "0.2")
     assert (code, wrong) == (0, "")
     assert "concrete: 1 wall, 0.7 (assumed for this material)" in reported
