@@ -43,7 +43,8 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
     seen = settled(table, scene, agent)
-    line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.judged}"
+    share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
+    line = f"line of sight to the anchors in {share} of {seen.judged}"
     if seen.explained >= FITTING:
         line += f": units and frames fit the scene{_rest(table, seen)}"
         if seen.scans < FEW:

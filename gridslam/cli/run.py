@@ -26,6 +26,7 @@ from gridslam.cli.observed import (
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import refuse_contradictions, unfinished
 from gridslam.cli.run_end import Done, busy, finish, go_on_later
+from gridslam.errors import InputError, renamed
 from gridslam.systems.registry import METHODS, method_class, taken_by
 
 if TYPE_CHECKING:
@@ -45,14 +46,18 @@ def run(context: typer.Context, options: RunOptions) -> None:
 
     if options.resume is not None:
         refuse_contradictions(context, options.resume)
+    if Path(options.scene).suffix in (".csv", ".h5", ".mat"):
+        allowed = f"a scene, and then --measurements {options.scene} (or --signal {options.scene})"
+        raise InputError("SCENE", repr(options.scene), allowed)
     world = Scene.load(options.scene)
-    if options.particles is not None:
-        world = world.with_filter(particles=options.particles)
-    asked = Asked.of(context, options, world)
-    if asked.method in METHODS and METHODS[asked.method].several:
-        run_network(asked)
-    else:
-        _run_in_turn(asked)
+    with renamed(world.name, options.scene):
+        if options.particles is not None:
+            world = world.with_filter(particles=options.particles)
+        asked = Asked.of(context, options, world)
+        if asked.method in METHODS and METHODS[asked.method].several:
+            run_network(asked)
+        else:
+            _run_in_turn(asked)
 
 
 def _run_in_turn(asked: Asked) -> None:

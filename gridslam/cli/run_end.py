@@ -171,8 +171,11 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
 
     def number(value: float | None, form: str, scale: float = 1, own: float | None = None) -> str:
         if value is None and own is not None:  # without a truth, what the filter says itself
-            return f"+-{format(scale * own, form)}"
-        return "-" if value is None else format(scale * value, form)
+            return f"+-{number(own, form, scale)}"
+        if value is None:
+            return "-"
+        # of a lost agent: more digits would push the table beyond a terminal
+        return format(scale * value, ".0f" if abs(scale * value) >= 100 and form == ".2f" else form)
 
     for done, score in zip(runs, scores, strict=True):
         found, matched, true = (score[f"surfaces_{key}"] for key in ("detected", "matched", "true"))

@@ -57,4 +57,4 @@ def health_notes(agent: str, score: Mapping[str, Any]) -> list[str]:
         The agent's part of ``run.json``.
     """
     why, steps = (score.get("health") or {}).get("why") or {}, score.get("steps", "?")
-    return [f"{agent}: {reason} ({number} of {steps} steps)" for reason, number in why.items()]
+    return [f"{agent}: {reason} (at {number} of {steps} steps)" for reason, number in why.items()]

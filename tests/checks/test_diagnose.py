@@ -148,7 +148,7 @@ def test_few_scans_tell_little(tmp_path, tables):
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:1] + [line for line in lines if line.startswith(("0,", "1,"))]))
     said = describe(path, SCENES["room"])[-1]
-    assert said.endswith("of 4 scans: units and frames fit the scene, as far as so few scans tell")
+    assert said.endswith("in about 4 of 4 scans: units and frames fit the scene, as far as so few scans tell")
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from PIL import Image
 from run_samples import hall, some_measurements, some_run
 
 from gridslam.checks.other_files import run_line
-from gridslam.cli.run_end import Done
+from gridslam.cli.run_end import Done, _table
 from gridslam.runs.notes import health_notes, lost_note
 from gridslam.runs.run_files import write_run
 from gridslam.simulation.image_source import ground_truth
@@ -44,7 +44,7 @@ def test_whoever_was_off_is_said_to_be_lost_or_found_again(errors, said):
 
 def test_health_is_told_with_its_steps():
     score = {"steps": 20, "health": {"why": {"nothing heard for 3 steps": 4}}}
-    assert health_notes("a", score) == ["a: nothing heard for 3 steps (4 of 20 steps)"]
+    assert health_notes("a", score) == ["a: nothing heard for 3 steps (at 4 of 20 steps)"]
     assert health_notes("a", {}) == []
 
 
@@ -75,6 +75,15 @@ def test_weighty_notes_come_first_and_all_are_kept():
     assert done_of(0.1)[1].kept == []
 
 
+def test_errors_of_a_lost_agent_leave_the_table_its_width():
+    _, done = done_of(0.1)
+    wide = dict(done.scores[0], position_rmse_m=4321.0, position_bound_m=None, heading_rmse_deg=178.4567)
+    position, heading = (next(iter(_table(done.runs, [wide]).columns[n].cells)) for n in (2, 4))
+    assert (position, heading) == ("432100", "178")
+    blind = dict(wide, position_rmse_m=None, position_std_m=0.0123)
+    assert next(iter(_table(done.runs, [blind]).columns[2].cells)) == "+-1.23"
+
+
 @pytest.mark.slow
 def test_report_and_check_say_what_the_terminal_did(tmp_path):
     scene, done = done_of(0.6, before=["departures from A aren't measured"])
@@ -87,7 +96,7 @@ def test_report_and_check_say_what_the_terminal_did(tmp_path):
         Image.new("L", (4, 4)).save(tmp_path / "out" / "figures" / "agent1-map.png")
         page = write_report(tmp_path / "out", moving=False).read_text(encoding="utf-8")
         assert page.count(LOST) == 1
-        assert page.count("agent1: nothing heard for 3 steps (4 of 21 steps)") == 1
+        assert page.count("agent1: nothing heard for 3 steps (at 4 of 21 steps)") == 1
         assert page.count("departures from A aren&#x27;t measured") == len(kept) / 2
         assert run_line(tmp_path / "out").splitlines()[1:] == [f"note: {LOST}"]
     score = json.loads((tmp_path / "out" / "run.json").read_text())["agents"]["agent1"]
