@@ -176,8 +176,7 @@ def turn_hint(world: Scene, method: str, observations: Observations | None) -> s
         return None
     return (
         f"departures from {world.anchors[0].name}, the one anchor, aren't measured: nothing but the start, "
-        "or an earlier map, tells how all is turned about it; track and map may be turned as a whole by "
-        "more than is claimed"
+        "or an earlier map, tells how all is turned about it: track and map may be turned as a whole"
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.errors import InputError
+from gridslam.inference.management.free_turn import turn_followed
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.samples.array_starts import advance, begun
 from gridslam.inference.management.step_info import StepInfo, conclude
@@ -132,8 +133,12 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         return begun(state)
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[State], StepInfo]:
+        believed = self.population
+        if scan.heard.any():
+            departs = any(len(element) > 1 for element in self.waveform.anchor_element_m)
+            believed = turn_followed(believed, departs, self.model)
         with runtime.one_blas_thread():
-            return advance(self.population, scan, self.model, self.work, self.advance)
+            return advance(believed, scan, self.model, self.work, self.advance)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

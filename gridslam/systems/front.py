@@ -15,6 +15,7 @@ from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.inference.management.features.left_features import left_features
 from gridslam.inference.management.features.surface_features import mirror_surfaces
+from gridslam.inference.management.free_turn import all_with_turn, turn_followed, with_turn
 from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
@@ -114,7 +115,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and what was handed down or is left over."""
-        state = unparked(self.state)
+        state = unparked(with_turn(self.state, self.model))
         table = surface_estimate(state, work=self.work)
         found = detected(table.existence, self.model.settings)
         joint = lines_covariance(state.belief, found)
@@ -143,7 +144,8 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     def estimate(self, believed: Population[State], scan: Observed, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
-        state, population = believed.best, believed
+        population = all_with_turn(believed, self.model)
+        state = population.best
         model = self.work.calibrated(with_levels(self.model, state.levels), info.turned, state.belief.higher)
         mean, covariance = agent_moments(population)
         at_1m = model.radio.amplitude_at_1m * info.gain
@@ -194,9 +196,13 @@ class SurfaceFilter(SurfaceFront[Scan]):
         return scan.checked(len(self.scene.anchors), after)
 
     def _advanced(self, scan: Scan) -> tuple[Population[State], StepInfo]:
+        believed = self.population
+        if len(scan):
+            believed = turn_followed(believed, bool(np.isfinite(scan.aod_rad).any()), self.model)
         if self._branches(self.state):
-            return advance(self.population, scan, self.model, self.work, self.start, self.advance)
-        return super()._advanced(scan)
+            return advance(believed, scan, self.model, self.work, self.start, self.advance)
+        state, info = self.advance(believed.best, scan, self.model, self.work)
+        return Population.of(state), info
 
 
 def bare_map(

@@ -15,6 +15,7 @@ from gridslam.arrays import Array
 from gridslam.inference.health.doubt import Doubt
 from gridslam.inference.health.monitor import SILENT
 from gridslam.inference.management.branching import branches_of
+from gridslam.inference.management.free_turn import ANY
 from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.poses.pose_fix import Sources, known_sources
 from gridslam.inference.management.poses.pose_score import Snapshot
@@ -162,7 +163,7 @@ def challenged(
     velocity = float(model.start_variance[2])
     blank = replace(
         fresh, calibration=state.calibration, monitor=state.monitor, step=state.step,
-        next_identity=state.next_identity,
+        next_identity=state.next_identity, turn_variance=None if state.turn_variance is None else ANY,
     )  # fmt: skip
     rivals = branches_of(blank, leading(modes, alone, population), velocity)
     if len(state.surfaces):

@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
+from gridslam.inference.management.free_turn import with_turn
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -100,7 +101,8 @@ def conclude(
     """
     fits = np.concatenate([exchange.fit for exchange in exchanges])
     monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)
-    spread = math.sqrt(state.belief.covariance[0, 0] + state.belief.covariance[1, 1])
+    covariance = with_turn(state, model).belief.covariance
+    spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
     health, monitor = monitor.assess(calibration, calibration_used.turned, model, spread, effective)
     found_again = monitor.since == 0

@@ -76,6 +76,8 @@ class State:
         Beliefs about coefficients of floor and ceiling, 0 for known ones; see `level_coefficients`.
     unexplained : Unexplained, optional
         Measurements of the run that no surface explains (grid and adaptive SLAM).
+    turn_variance : float, optional
+        Of the turn of all about the only anchor (rad^2), held out of the belief while nothing tells it.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -99,6 +101,7 @@ class State:
     presence: Presence | None = None
     levels: Array | None = field(default=None, metadata={"later": True})
     unexplained: Unexplained | None = field(default=None, metadata={"later": True})
+    turn_variance: float | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:

@@ -1,0 +1,87 @@
+"""The turn of agent and map about the only anchor, which nothing tells without departures; docs/model.md,
+(M493), (M494).
+
+Distances and arrivals stay the same when all turns together. A filter that linearises at estimates that
+move takes what they moved by for knowledge of the turn: it drifts, and is sure of it. So the turn is held
+out of the belief while nothing tells it, and put back for whoever asks how sure the belief is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace as changed
+
+import numpy as np
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import HEADING
+from gridslam.inference.state.population import Population
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import unit
+
+LEFT = 1e-6
+"""Variance of the turn that stays in the belief (rad^2), so that it has a root."""
+ANY = np.pi**2 / 3
+"""That of a turn that may be any."""
+
+
+def turn_followed(population: Population[State], told: bool, model: FilterModel) -> Population[State]:
+    """The population before a scan, with the turn held out of each state, or put back.
+
+    Parameters
+    ----------
+    told : bool
+        Whether the scan tells it: it holds departures.
+    """
+    if model.senders > 1 or population.searching or population.best.samples is not None:
+        return population
+    if told and all(state.turn_variance is None for state in population.states):
+        return population
+    states = [
+        replace(with_turn(state, model), turn_variance=None) if told else without_turn(state, model)
+        for state in population.states
+    ]
+    return changed(population, states=tuple(states))
+
+
+def without_turn(state: State, model: FilterModel) -> State:
+    """The state with what it believes about the turn held out of its belief, (M493)."""
+    if state.turn_variance is not None:
+        return state
+    belief = state.belief
+    way = direction(belief, model.places[0, :2])
+    root = belief.root
+    told = float(np.square(np.linalg.solve(root, way)).sum())
+    held = max(1 / told - LEFT, 0.0)
+    return replace(_wider(state, way, -held), turn_variance=held)
+
+
+def with_turn(state: State, model: FilterModel) -> State:
+    """The state with the turn in its belief, (M494): as sure as anybody may be of where things are."""
+    if not state.turn_variance:
+        return state
+    return _wider(state, direction(state.belief, model.places[0, :2]), state.turn_variance)
+
+
+def all_with_turn(population: Population[State], model: FilterModel) -> Population[State]:
+    """The same of all hypotheses."""
+    if not any(state.turn_variance for state in population.states):
+        return population
+    return changed(population, states=tuple(with_turn(state, model) for state in population.states))
+
+
+def direction(belief: Belief, place: Array) -> Array:
+    """By how much all entries of a belief change when all turns about a place (2,), per rad, (N,)."""
+    mean, lines, layout = belief.mean, belief.lines, belief.layout
+    way = np.zeros(len(mean))
+    way[0], way[1] = place[1] - mean[1], mean[0] - place[0]
+    way[2], way[3], way[HEADING] = -mean[3], mean[2], 1.0
+    way[layout.angles] = 1.0
+    way[layout.offsets] = unit(lines[:, 0] + 0.5 * np.pi) @ place
+    return way
+
+
+def _wider(state: State, way: Array, variance: float) -> State:
+    belief = state.belief
+    return state.believing(replace(belief, covariance=belief.covariance + variance * np.outer(way, way)))

@@ -1,0 +1,173 @@
+"""The turn about an only anchor that tells no departures: held out of the belief, put back, never learned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import gridslam as gs
+from gridslam.inference.management.free_turn import (
+    LEFT,
+    direction,
+    turn_followed,
+    with_turn,
+    without_turn,
+)
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.population import Population
+from gridslam.inference.state.state import State
+from gridslam.world.geometry import mirror, unit, wrap
+from gridslam.world.start import assumed_start
+
+
+def alone(steps=60):
+    """The room with its first anchor alone, and an agent that starts as a user would say."""
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    data["anchors"], data["filter"]["particles"] = data["anchors"][:1], 512
+    data["agents"] = [{**data["agents"][0], "steps": steps}]
+    return gs.Scene.checked(data, "room")
+
+
+@pytest.fixture(scope="module")
+def lone_anchor():
+    return alone()
+
+
+@pytest.fixture(scope="module")
+def model(lone_anchor):
+    return lone_anchor.filter_model("agent1")
+
+
+def heard(scene, seed):
+    """What its agent measures, without departures."""
+    table = gs.simulate(scene, "agent1", seed)
+    return replace(table, aod_rad=np.full_like(table.aod_rad, np.nan))
+
+
+def drawn_state(model, seed):
+    """A state that believes in two walls, correlated with the agent."""
+    draw = np.random.default_rng(seed)
+    root = draw.normal(size=(9, 9))
+    mean = np.array([*draw.uniform(-3, 3, 2), *draw.normal(size=2), *draw.uniform(-3, 3, 5)])
+    return replace(State.start(model), belief=Belief(mean, 0.01 * root @ root.T + 1e-3 * np.eye(9)))
+
+
+def turned(mean, place, angle):
+    """Agent and lines turned about a place."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn, after = np.array([[c, -s], [s, c]]), mean.copy()
+    after[:2], after[2:4] = place + turn @ (mean[:2] - place), turn @ mean[2:4]
+    after[4] += angle
+    foot = [unit(a) * b for a, b in mean[5:].reshape(-1, 2)]
+    moved = [place + turn @ (f - place) for f in foot]
+    angles = mean[5::2] + angle
+    after[5::2] = angles
+    after[6::2] = [unit(a) @ m for a, m in zip(angles, moved, strict=True)]
+    return after
+
+
+@given(st.integers(0, 10_000), st.tuples(st.floats(-5, 5), st.floats(-5, 5)))
+def test_direction_is_that_of_a_small_turn_of_everything(seed, place):
+    draw, place = np.random.default_rng(seed), np.array(place)
+    mean, small = draw.normal(size=9), 1e-6
+    change = (turned(mean, place, small) - turned(mean, place, -small)) / (2 * small)
+    np.testing.assert_allclose(direction(Belief(mean, np.eye(9)), place), change, atol=1e-7)
+
+
+@given(st.integers(0, 10_000), st.floats(-3, 3))
+def test_distances_and_arrivals_stay_as_they_are_when_all_turns(seed, angle):
+    draw = np.random.default_rng(seed)
+    place, mean = draw.normal(size=2), draw.normal(size=9)
+
+    def paths(at):
+        images = [place, *mirror(at[5:].reshape(-1, 2), place)]
+        gaps = np.array(images) - at[:2]
+        return np.hypot(*gaps.T), np.arctan2(gaps[:, 1], gaps[:, 0]) - at[4]
+
+    (distance, arrival), (distance_after, arrival_after) = paths(mean), paths(turned(mean, place, angle))
+    np.testing.assert_allclose(distance_after, distance, atol=1e-9)
+    np.testing.assert_allclose(wrap(arrival_after - arrival), 0, atol=1e-6)
+
+
+@given(st.integers(0, 10_000))
+def test_what_is_held_out_is_all_that_is_believed_about_the_turn(model, seed):
+    state = drawn_state(model, seed)
+    way = direction(state.belief, model.places[0, :2])
+    told = way @ np.linalg.solve(state.belief.covariance, way)
+    held = without_turn(state, model)
+    assert held.turn_variance == pytest.approx(max(1 / told - LEFT, 0))
+    left = way @ np.linalg.solve(held.belief.covariance, way)
+    assert left == pytest.approx(max(told, 1 / LEFT), rel=1e-3)
+    assert np.linalg.eigvalsh(held.belief.covariance).min() > 0
+    np.testing.assert_array_equal(held.belief.mean, state.belief.mean)
+    np.testing.assert_allclose(with_turn(held, model).belief.covariance, state.belief.covariance, atol=1e-9)
+
+
+def test_departures_put_it_back_and_a_second_anchor_tells_it(model):
+    state = drawn_state(model, 1)
+    before = Population.of(state)
+    held = turn_followed(before, False, model)
+    assert held.best.turn_variance > 0
+    assert turn_followed(held, False, model).best is held.best
+    back = turn_followed(held, True, model).best
+    assert back.turn_variance is None
+    np.testing.assert_allclose(back.belief.covariance, state.belief.covariance, atol=1e-9)
+    assert turn_followed(before, True, model) is before
+    assert turn_followed(replace(before, searching=True), False, model).best is state
+    assert turn_followed(before, False, gs.Scene.load("room").filter_model("agent1")) is before
+
+
+@pytest.mark.parametrize("system", [gs.GridSlam, gs.AdaptiveSlam, gs.VirtualAnchorSlam])
+def test_nothing_heard_makes_the_turn_surer_than_the_start_does(lone_anchor, model, system):
+    table, slam, told = heard(lone_anchor, 1), system(lone_anchor, seed=1), []
+    place = model.places[0, :2]
+    for step in range(30):
+        slam.step(table.scan(step))
+        belief = with_turn(slam.state, slam.model).belief
+        way = direction(belief, place)
+        told.append(way @ np.linalg.solve(belief.covariance, way))
+    assert len(slam.state.surfaces) > 2
+    assert max(told) < 1.2 * told[0]
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_claimed_about_one_anchor_without_departures(lone_anchor):
+    """Of starts that are drawn: squared errors over variances, 2 if all is right, by twelve runs."""
+    nees, silent = [], 0
+    for seed in range(12):
+        table, slam = heard(lone_anchor, seed), gs.GridSlam(lone_anchor, seed=seed)
+        start = assumed_start(lone_anchor, "agent1", seed)
+        slam.start_at(start.position_m, start.heading_rad)
+        for step in range(table.steps):
+            estimate = slam.step(table.scan(step))
+            off = estimate.position_m - table.truth.position_m[step]
+            square = off @ np.linalg.solve(estimate.covariance[:2, :2], off)
+            nees.append(square)
+            silent += square > 20 and estimate.health.ok
+    assert 1.2 < np.mean(nees) < 3.2
+    assert silent < 0.01 * len(nees)
+
+
+def test_it_goes_on_from_a_checkpoint_bit_for_bit(lone_anchor, tmp_path):
+    table, slam = heard(lone_anchor, 2), gs.GridSlam(lone_anchor, seed=2)
+    for step in range(4):
+        slam.step(table.scan(step))
+    assert slam.state.turn_variance > 0
+    slam.save(tmp_path / "slam.h5")
+    again = gs.GridSlam.resume(tmp_path / "slam.h5")
+    for step in range(4, 8):
+        here, there = slam.step(table.scan(step)), again.step(table.scan(step))
+        np.testing.assert_array_equal(here.position_m, there.position_m)
+        np.testing.assert_array_equal(here.covariance, there.covariance)
+
+
+def test_a_map_says_how_sure_walls_are_with_the_turn(lone_anchor):
+    table, slam = heard(lone_anchor, 3), gs.GridSlam(lone_anchor, seed=3)
+    for step in range(25):
+        slam.step(table.scan(step))
+    own, state = slam.map(), slam.state
+    assert len(own.surfaces)
+    angles = np.sqrt(own.surface_covariance.diagonal()[::2])
+    assert (angles > 0.95 * np.sqrt(state.turn_variance)).all()
