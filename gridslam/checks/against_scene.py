@@ -23,7 +23,7 @@ from gridslam.checks.rivals import (
     whole_cure,
 )
 from gridslam.checks.start_search import RIVAL, goes_ahead, one_in_sight, other_start
-from gridslam.checks.unit_hypotheses import Suspicion, finite
+from gridslam.checks.unit_hypotheses import Suspicion, finite, told_after
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
 
@@ -121,4 +121,4 @@ def _with_start(
         start = replace(start, certain=False, reason=note)
     if not found or start.certain:
         return [start], asis, other
-    return [*(replace(item, certain=False) for item in found), start], read, sight
+    return [*(replace(item, certain=False) for item in found), told_after(start, found)], read, sight

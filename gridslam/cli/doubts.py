@@ -46,7 +46,7 @@ def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
         if len(jolts) > OFTEN * len(run.estimates):
             push, turn = (max(factors) for factors in zip(*jolts, strict=True))
             notes.append(
-                f"note: {run.agent}: at {len(jolts)} of {len(run.estimates)} steps it moved more sharply "
+                f"{run.agent}: at {len(jolts)} of {len(run.estimates)} steps it moved more sharply "
                 f"than filter.acceleration_mps2 = {settings.acceleration_mps2:g} and filter.heading_deg = "
                 f"{settings.heading_deg:g} say; up to {push * settings.acceleration_mps2:.2g} and "
                 f"{turn * settings.heading_deg:.2g} were allowed there. Set them to how it moves"
@@ -62,7 +62,7 @@ def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Obser
         notes = [
             (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
         ]
-    return [f"note: {agent}: {note}" for agent, note in notes if note]
+    return [f"{agent}: {note}" for agent, note in notes if note]
 
 
 def _misfit_notes(
@@ -83,12 +83,10 @@ def _misfit_notes(
         with busy("looking at lines of sight"):
             if unwell or not fits_scene(world, run.agent, observed):
                 doubted.append(run.agent)
-                notes += [
-                    f"note: {run.agent}: suspect: {line}" for line in misfits(world, run.agent, observed)
-                ]
+                notes += [f"{run.agent}: suspect: {line}" for line in misfits(world, run.agent, observed)]
     if doubted:
         whole = f"{', '.join(doubted)}: whether units, angles and anchors' names fit is told by: {asked}"
-        notes.append(f"note: {whole}")
+        notes.append(f"{whole}")
     return notes
 
 
@@ -98,4 +96,4 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
 
     pairs = zip(runs, observations, strict=True)
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
-    return [f"note: {agent}: {note}" for agent, note in found if note]
+    return [f"{agent}: {note}" for agent, note in found if note]

@@ -63,7 +63,8 @@ def run_network(asked: Asked) -> None:
             other = (
                 None if file is None else simulated_note(world, file, measurements.agents, measurements.table)
             )
-            for line in (*place.notes, other, note, *hints(world, asked.method, given_rows)):
+            told = [*filter(None, (other, note)), *hints(world, asked.method, given_rows)]
+            for line in (*place.notes, *told):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": list(measurements.agents), "particles": world.filter.particles, "start": how}
@@ -99,13 +100,13 @@ def run_network(asked: Asked) -> None:
             given = source([] if file is None else [file])
             observed: list[Observations] = [measurements[run.agent] for run in runs]
             notes = [] if file is None else truth_notes(world, runs, observed)
-            more = {"network": whole, "notes": [line.removeprefix("note: ") for line in notes]}
+            more: dict[str, Any] = {"network": whole}
             if file is not None:  # nobody knows how exact it is
                 more["start"] = "scene"
             end = Done(
                 runs, observed, scores, given | more,
                 f"{len(done.clocks.step)} of {len(measurements)} steps" if done.interrupted else "",
-                clock_files(done.clocks, measurements.clocks), [*_lines(whole), *notes],
+                clock_files(done.clocks, measurements.clocks), _lines(whole), notes, told,
             )  # fmt: skip
             finish(folder, place, world, end, stopped, termination)
 

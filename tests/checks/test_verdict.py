@@ -38,6 +38,22 @@ def test_an_anchor_that_is_seen_later_is_not_said_to_be_out_of_sight(seen, monke
     assert "out of sight" not in line
 
 
+def test_steps_that_were_not_looked_at_are_named(seen):
+    """What changes there isn't known: an anchor that is renamed, a clock that jumps."""
+    table, sight = seen
+    assert sight.first == 100
+    line = verdict.verdict(table, np.arange(2), SCENE, "agent1")
+    assert line.endswith(": units and frames fit the scene; steps 100 to 149 weren't looked at")
+    late = table | {"step": table["step"] + 7}
+    assert verdict.verdict(late, np.arange(2), SCENE, "agent1").endswith(
+        "; steps 107 to 156 weren't looked at"
+    )
+    early = {name: values[table["step"] < 101] for name, values in table.items()}
+    assert verdict.verdict(early, np.arange(2), SCENE, "agent1").endswith("; step 100 wasn't looked at")
+    early = {name: values[table["step"] < 100] for name, values in table.items()}
+    assert verdict.verdict(early, np.arange(2), SCENE, "agent1").endswith(": units and frames fit the scene")
+
+
 def test_anchors_that_are_in_sight_are_judged(seen):
     table, _ = seen
     assert "not judged" not in verdict.verdict(table, np.arange(2), SCENE, "agent1")
