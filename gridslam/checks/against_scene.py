@@ -21,6 +21,7 @@ from gridslam.checks.rivals import (
     upheld,
     whole_cure,
 )
+from gridslam.checks.second_device import second_device
 from gridslam.checks.start_search import RIVAL, goes_ahead, one_in_sight, other_start
 from gridslam.checks.unit_hypotheses import Suspicion, finite
 from gridslam.world.columns import VALUES, Columns
@@ -68,6 +69,8 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     lost = any(item.kind == "start" for item in found) and one_in_sight(sight)
     if "amplitude" not in known and measured and sight.explained >= least_share(scene) and not lost:
         found += loudness(asis["amplitude"], sight, scene)
+    if not found and sight.explained >= least_share(scene):
+        found += second_device(asis, scene, agent, sight)
     return found
 
 
