@@ -68,24 +68,25 @@ def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Obser
 def _misfit_notes(
     world: Scene, runs: Sequence[Run], observations: Sequence[Observations], file: Path, scene: str
 ) -> list[str]:
-    """Where filters were unwell, or no line of sight fits: what `check` suspects, and who looks.
+    """What `check` suspects: of all where filters were unwell or nothing fits, else of times and amplitudes.
 
-    A filter may be well on exchanged anchors: it maps another world, and is sure of it.
+    A filter may be well on exchanged anchors: it maps another world, and is sure of it. Where nothing is
+    suspected of a misfit, the note says who looks closer.
     """
     import numpy as np
 
-    from gridslam.checks.range_note import fits_scene, misfits
+    from gridslam.checks.range_note import fits_scene, misfits, misread
 
     asked = shlex.join(["gridslam", "check", str(file), "--scene", scene])
     doubted, notes = [], []
     for run, observed in zip(runs, observations, strict=True):
         unwell = bool(np.mean([not one.health.ok for one in run.estimates] or [False]) > UNWELL)
         with busy("looking at lines of sight"):
-            if unwell or not fits_scene(world, run.agent, observed):
+            unfit = unwell or not fits_scene(world, run.agent, observed)
+            found = (misfits if unfit else misread)(world, run.agent, observed)
+            notes += [f"note: {run.agent}: suspect: {line}" for line in found]
+            if unfit and not found:
                 doubted.append(run.agent)
-                notes += [
-                    f"note: {run.agent}: suspect: {line}" for line in misfits(world, run.agent, observed)
-                ]
     if doubted:
         whole = f"{', '.join(doubted)}: whether units, angles and anchors' names fit is told by: {asked}"
         notes.append(f"note: {whole}")
