@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ from rich.console import Console
 
 from gridslam.cli.help import LOOK, SCENES
 from gridslam.cli.options import flag, map_in
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Note
 
 out = Console()
 OTHERS = (
@@ -147,6 +148,9 @@ def export(
         raise cannot_write(shown, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+    if not found.free.any():
+        none = "no free cells, as of methods that map none or where too little is measured"
+        warnings.warn(Note(f"{map_file}: {none}: no map for a planner"), stacklevel=2)
     _say(f"wrote {', '.join(names)} to {shown}")
 
 
