@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from gridslam.cli.run_end import busy
 
 if TYPE_CHECKING:
+    from gridslam.maps.map import Map
     from gridslam.measurements.observations import Observations
     from gridslam.runs.run import Run
     from gridslam.world.scene import Scene
@@ -52,6 +53,15 @@ def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
                 f"{turn * settings.heading_deg:.2g} were allowed there. Set them to how it moves"
             )
     return notes
+
+
+def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
+    """Where a map that was given, and the map that was made of it, contradict each other."""
+    from gridslam.maps.contradictions import contradictions
+
+    if earlier is None:
+        return []
+    return [f"note: {line}" for line in contradictions([earlier, later], [str(file), "this run's map"])]
 
 
 def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:

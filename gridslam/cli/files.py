@@ -163,6 +163,7 @@ def fuse(
     overwrite: Annotated[bool, flag("--overwrite", "replace a file of this name")] = False,
 ) -> None:
     """Make one map of maps that agents made apart from each other."""
+    from gridslam.maps.contradictions import contradictions
     from gridslam.maps.fusion import fuse as fused
     from gridslam.maps.map import Map
 
@@ -173,7 +174,10 @@ def fuse(
     if len(maps) < 2:
         raise InputError("fuse", f"{len(maps)} map", "two or more maps")
     maps = [map_in(path) or path for path in maps]
-    whole = fused([Map.load(path) for path in maps], same_frame, [str(path) for path in maps])
+    loaded, names = [Map.load(path) for path in maps], [str(path) for path in maps]
+    whole = fused(loaded, same_frame, names)
+    for line in contradictions(loaded, names):
+        warnings.warn(Note(line), stacklevel=2)
     whole.save(output)
     _say(f"wrote {output}: map {whole.in_words()}")
 
