@@ -8,7 +8,7 @@ import numpy as np
 
 from gridslam.checks import elevations, time_units
 from gridslam.checks.column_readings import likeliest_way
-from gridslam.checks.fit import least_share
+from gridslam.checks.fit import least_share, tells_place
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
@@ -22,8 +22,9 @@ from gridslam.checks.rivals import (
     upheld,
     whole_cure,
 )
+from gridslam.checks.second_device import second_device
 from gridslam.checks.start_search import RIVAL, goes_ahead, one_in_sight, other_start
-from gridslam.checks.unit_hypotheses import Suspicion, finite, told_after
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
 
@@ -69,7 +70,11 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     # what isn't a line of sight tells nothing of the level, and where little fits it is none
     lost = any(item.kind == "start" for item in found) and one_in_sight(sight)
     if "amplitude" not in known and measured and sight.explained >= least_share(scene) and not lost:
-        found += loudness(asis["amplitude"], sight, scene)
+        angles = any(len(finite(asis, name)) for name in ANGLES)
+        placed = angles and (bool(scene.walls) or tells_place(asis))
+        found += loudness(asis["amplitude"], sight, scene, placed)
+    if not found and sight.explained >= least_share(scene):
+        found += second_device(asis, scene, agent, sight)
     return found
 
 

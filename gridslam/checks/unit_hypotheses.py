@@ -30,8 +30,8 @@ class Suspicion:
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds", "fast",
         "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
-        "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "dB", "power" or
-        "level".
+        "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
+        "dB", "power" or "level".
     text : str
         What it looks like and what to do.
     certain : bool

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.doubts import truth_notes
+from gridslam.cli.doubts import map_notes, truth_notes
 from gridslam.cli.observed import hints, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
@@ -99,7 +99,8 @@ def run_network(asked: Asked) -> None:
             runs = list(done.runs.values())
             given = source([] if file is None else [file])
             observed: list[Observations] = [measurements[run.agent] for run in runs]
-            notes = [] if file is None else truth_notes(world, runs, observed)
+            notes = map_notes(prior, done.map, asked.map_file)
+            notes += [] if file is None else truth_notes(world, runs, observed)
             more: dict[str, Any] = {"network": whole}
             if file is not None:  # nobody knows how exact it is
                 more["start"] = "scene"
