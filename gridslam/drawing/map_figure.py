@@ -48,8 +48,8 @@ PAD_IN = 0.05
 """Above and below what is drawn, inches."""
 LAYOUTS = 2
 """Times that a figure is laid out: ticks change with the size of the axes, and the axes with the ticks."""
-OUTLINE, BAND = 0.8, 3.0
-"""Widths of true walls, points: as a line, and as a band on which surfaces found are seen."""
+OUTLINE, BAND = 0.8, 1.8
+"""Widths of true walls, points: as a line, and as a pale outline on which surfaces found are seen."""
 
 
 class Walls(Protocol):
