@@ -109,6 +109,21 @@ NETWORK_KEYS = (
 )
 
 
+def network_scores(
+    done: NetworkRun, measurements: NetworkMeasurements, truth: NetworkTruth | None
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Scores of every agent, as of `Run.score`, and those of clocks and labels, as of `NetworkRun.score`."""
+    whole = done.score(measurements.clocks, truth)
+    if truth is None:
+        return [run.score(measurements.tracks.get(name)) for name, run in done.runs.items()], whole
+    own = {name: truth.agents[name].first(len(run.estimates)) for name, run in done.runs.items()}
+    scores = [  # the map is of all that any of them heard
+        run.score(own[name], [other for one, other in own.items() if one != name])
+        for name, run in done.runs.items()
+    ]
+    return scores, whole
+
+
 def map_network(
     scene: Scene,
     measurements: NetworkMeasurements,
