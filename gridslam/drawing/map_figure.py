@@ -255,7 +255,7 @@ def occupancy(axes: Axes, grid: Cells) -> None:
     """Free and unexplored cells at the bottom, occupied ones above the true walls."""
     colors = ListedColormap([color for _, color in CELLS])
     _cells(axes, grid, (~grid.observed).astype(np.uint8), cmap=colors, vmin=0, vmax=2, zorder=0)
-    occupied = np.ma.masked_array(np.full(grid.shape, 2, np.uint8), ~(grid.observed & grid.occupied))
+    occupied = np.ma.masked_array(np.full(grid.observed.shape, 2, np.uint8), ~(grid.observed & grid.occupied))
     _cells(axes, grid, occupied, cmap=colors, vmin=0, vmax=2, zorder=2)
 
 
