@@ -62,6 +62,19 @@ def located(path: str | os.PathLike[str]) -> Iterator[None]:
         raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
 
+@contextmanager
+def renamed(before: str, after: str) -> Iterator[None]:
+    """Call a scene in any `InputError` as its user did, by its file, and not by the name in it."""
+    try:
+        yield
+    except Faults:
+        raise
+    except InputError as error:
+        if before == after or not error.where.startswith(f"{before}: "):
+            raise
+        raise InputError(f"{after}{error.where[len(before) :]}", error.found, error.allowed) from error
+
+
 def _line(text: str, longest: int = 500) -> str:
     """The text on one line, whatever a hostile file put into it."""
     plain = "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text[: 2 * longest])

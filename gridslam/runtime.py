@@ -109,7 +109,8 @@ def on_host(held: Resident) -> NDArray[Any]:
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Keep NumPy's linear algebra to one thread: its matrices are small here, and idle threads spin.
+    """Keep NumPy's linear algebra to one thread: its matrices are small here, and threads that wait for each
+    other spin, which takes a hundred times as long where the cores are busy.
 
     Threads of Python may do so side by side: the last of them to leave sets free again.
     """

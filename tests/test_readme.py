@@ -61,8 +61,8 @@ def test_sample_of_own_data_fits_the_room_and_gives_no_phantom_wall(say, tmp_pat
     assert (result.code, result.err) == (0, "")
     assert "suspect" not in result.out
     assert "fit the scene" in result.out
-    share = re.search(r"in (\d+)% of \d+ scans", result.out)
-    assert int(share[1]) >= 80
+    explained, scans = map(int, re.search(r"in about (\d+) of (\d+) scans", result.out).groups())
+    assert explained >= 0.8 * scans
     scene = gs.Scene.load("room")
     run = gs.map_scene(scene, gs.Measurements.from_csv(path, scene.anchor_names), seed=1)
     for angle, offset in run.surfaces.line:

@@ -8,9 +8,10 @@ import numpy as np
 
 from gridslam.checks import elevations, time_units
 from gridslam.checks.column_readings import likeliest_way
-from gridslam.checks.fit import least_share
+from gridslam.checks.fit import least_share, tells_place
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
+from gridslam.checks.misplaced import with_places
 from gridslam.checks.rivals import (
     EXPLAINED,
     MOST_BEHIND,
@@ -21,8 +22,9 @@ from gridslam.checks.rivals import (
     upheld,
     whole_cure,
 )
+from gridslam.checks.second_device import second_device
 from gridslam.checks.start_search import RIVAL, goes_ahead, one_in_sight, other_start
-from gridslam.checks.unit_hypotheses import Suspicion, finite
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
 
@@ -46,7 +48,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
         return []
     plain = explain(asis, scene, agent)
     found, read, sight = _best_cure(asis, scene, agent, plain)
-    kinds = {item.kind for item in found}
+    kinds, cured = {item.kind for item in found}, read
     fits = sight.explained >= (EXPLAINED if scene.walls else least_share(scene))
     if fits and not kinds & {"start", "agent"} and not {"distance_m", "anchor"} & {i.column for i in found}:
         cure = fitting_cure(read, scene, agent, sight)
@@ -54,20 +56,25 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
             cure = offset_alone(asis, scene, agent, sight)
         if cure is not None:
             found += [cure.suspicion] if cure.suspicion is not None else []
-            sight = cure.sight
+            sight, cured = cure.sight, cure.table
         if not found and cure is None and both_measured(asis):
             # from a wrong heading the right one is found, some steps later
             elsewhere = other_start(asis, scene, agent, sight, sight)
             if elsewhere is not None:
                 found, read, sight = _with_start(found, read, sight, asis, elsewhere)
     found = offset_beside(found, asis, read, scene, agent, sight)
+    found = with_places(found, asis, scene, agent, cured)
     found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))
     # what isn't a line of sight tells nothing of the level, and where little fits it is none
     lost = any(item.kind == "start" for item in found) and one_in_sight(sight)
     if "amplitude" not in known and measured and sight.explained >= least_share(scene) and not lost:
-        found += loudness(asis["amplitude"], sight, scene)
+        angles = any(len(finite(asis, name)) for name in ANGLES)
+        placed = angles and (bool(scene.walls) or tells_place(asis))
+        found += loudness(asis["amplitude"], sight, scene, placed)
+    if not found and sight.explained >= least_share(scene):
+        found += second_device(asis, scene, agent, sight)
     return found
 
 
@@ -119,4 +126,4 @@ def _with_start(
         start = replace(start, certain=False, reason=note)
     if not found or start.certain:
         return [start], asis, other
-    return [*(replace(item, certain=False) for item in found), start], read, sight
+    return [*(replace(item, certain=False) for item in found), told_after(start, found)], read, sight

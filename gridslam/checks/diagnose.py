@@ -18,11 +18,12 @@ from gridslam.checks import elevations, time_units
 from gridslam.checks.against_scene import against_scene
 from gridslam.checks.fillers import padding
 from gridslam.checks.scene_lines import implausible_radio
-from gridslam.checks.unit_hypotheses import Suspicion, absurd, finite
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, finite
 from gridslam.checks.verdict import UNSURE, verdict
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.table import Measurements
+from gridslam.systems.registry import METHODS
 from gridslam.wording import counted
 from gridslam.world.columns import ELEVATIONS, OPTIONAL, VALUES, Columns
 from gridslam.world.network_scene import clock_model
@@ -83,6 +84,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     loose = offset_m > TOLD_APART_M
     # by a radio that can't be meant, or clocks that may be off by so much, nothing else is told
     found = suspicions(columns, names, None if odd or loose else scene, agent, degrees)
+    lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
     lines += elevations.remarks(columns, scene, agent) if scene is not None else []
     lines += [f"suspect: {item}" for item in [*odd, *found]]
     try:
@@ -101,6 +103,15 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
         who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
         lines.append(verdict(columns, place, scene, who))
     return lines
+
+
+def _without_angles(columns: Columns) -> list[str]:
+    """Which methods can use distances alone, as a line."""
+    if any(len(finite(columns, name)) for name in ANGLES) or not len(finite(columns, "distance_m")):
+        return []
+    paths = [one for one in METHODS.values() if one.takes == "paths" and one.maps and not one.several]
+    able, others = ([one.name for one in paths if one.on_angles == angles] for angles in (False, True))
+    return [f"  distances alone: for --method {' or '.join(able)}; {', '.join(others)} need angles"]
 
 
 def offset_allowed_m(scene: Scene, agent: str | None) -> float:

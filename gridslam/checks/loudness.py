@@ -23,8 +23,16 @@ SHIFTS_M = (-4.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 4.0)
 """Errors of all distances that might be why amplitudes don't fit."""
 
 
-def loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
-    """Amplitudes of the lines of sight against one over the distance, the level being known to some 4 dB."""
+def loudness(amplitude: Array, sight: Sight, scene: Scene, placed: bool = True) -> list[Suspicion]:
+    """Amplitudes of the lines of sight against one over the distance, the level being known to some 4 dB.
+
+    Parameters
+    ----------
+    placed : bool
+        Whether angles tell where the agent is. By distances alone reflections pass for lines of sight, but
+        fainter and by another course: only where amplitudes begin tells how to read them, and in a scene
+        with walls their level.
+    """
     rows = sight.row[sight.probability > 0.7]
     near = sight.distance_m[sight.probability > 0.7]
     with np.errstate(invalid="ignore"):
@@ -54,9 +62,10 @@ def loudness(amplitude: Array, sight: Sight, scene: Scene) -> list[Suspicion]:
     misread &= abs(level) >= LEVEL_DB or kind == "dB"
     begins = gain > 0 and _at_threshold(amplitude, kind, scene) and not _at_threshold(amplitude, "", scene)
     misread |= decibels or (bool(kind) and begins)
+    misread &= placed or begins
     # logarithms spread more or less than what they are read as does, so densities of either aren't alike
     stretch = {"": 0.0, "power": -np.log(2) * len(loud), "dB": np.log(readings["dB"]).sum()}
-    if not decibels and abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
+    if (placed or scene.walls) and not decibels and abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
         if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
             reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
             return [Suspicion("amplitude", "level", louder, False, reason)]

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.runs.notes import lost_note
 from gridslam.runs.run_files import read_run
 from gridslam.runs.step_files import read_steps
 from gridslam.wording import counted
@@ -76,7 +79,7 @@ def track_line(path: Path) -> str:
 
 
 def run_line(folder: Path) -> str:
-    """A run's folder in a line.
+    """A run's folder in a line, and one for each agent that was lost.
 
     Raises
     ------
@@ -84,14 +87,22 @@ def run_line(folder: Path) -> str:
         It is none, or some of it can't be read.
     """
     found = read_run(folder)
-    each = []
+    each, lost = [], []
     for name, own in found.agents.items():
-        surfaces = int(own.estimates[-1].detected.sum()) if own.estimates else 0
+        score = found.summary["agents"][name]
         steps = counted(len(own.estimates), "step")
-        if found.summary["agents"][name].get("interrupted"):
+        if score.get("interrupted"):
             steps = f"cut short, {len(own.estimates)} of {counted(len(own.measurements), 'step')}"
-        each.append(f"{name} ({steps}, {counted(surfaces, 'surface')})")
-    return f"run of {found.scene.name} by {found.summary.get('method', '?')}: {', '.join(each)}"
+        each.append(f"{name} ({', '.join([steps, *_found(score)])})")
+        lost.append(lost_note(name, own.trajectory, own.truth, own.estimates))
+    line = f"run of {found.scene.name} by {found.summary.get('method', '?')}: {', '.join(each)}"
+    return "\n".join([line, *(f"note: {note}" for note in lost if note)])
+
+
+def _found(score: Mapping[str, Any]) -> list[str]:
+    """Surfaces and features, as the table of `run` counts them."""
+    things = {"surface": score.get("surfaces_detected"), "feature": score.get("features")}
+    return [counted(number, thing) for thing, number in things.items() if isinstance(number, int)]
 
 
 def study_line(folder: Path) -> str:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from gridslam.checks import time_units
 from gridslam.checks.diagnose import suspicions
 from gridslam.checks.fit import BLIND, FITTING, least_share, settled, tells_place
 from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.loudness import loudness
+from gridslam.checks.misplaced import with_places
 from gridslam.checks.rivals import CERTAIN, both_measured, orders, range_cure, range_errors
+from gridslam.checks.unit_hypotheses import finite
 from gridslam.measurements.observations import Observations
 from gridslam.measurements.table import Measurements
 from gridslam.world.columns import Columns
@@ -37,7 +41,9 @@ def range_note(scene: Scene, agent: str, observations: Observations) -> str | No
             return None
         sight = top
     cure = range_cure(table, scene, agent, sight)
-    return None if cure is None or cure.suspicion is None else cure.suspicion.text
+    found = [] if cure is None or cure.suspicion is None else [cure.suspicion]
+    found = with_places(found, table, scene, agent)
+    return found[0].text if found else None
 
 
 def fits_scene(scene: Scene, agent: str, observations: Observations) -> bool:
@@ -64,6 +70,19 @@ def misfits(scene: Scene, agent: str, observations: Observations) -> list[str]:
         return []
     columns = {name: np.asarray(values) for name, values in observations.columns.items()}
     return [str(item) for item in suspicions(columns, observations.anchors, scene, agent)]
+
+
+def misread(scene: Scene, agent: str, observations: Observations) -> list[str]:
+    """What `gridslam check` suspects of amplitudes and times of a table whose lines of sight fit."""
+    table = _table(scene, observations)
+    if table is None:
+        return []
+    sight = settled(table, scene, agent)
+    found = time_units.absurd_times(table)
+    found += time_units.slow_times(table, sight) + time_units.fast_times(table, sight)
+    if len(finite(table, "amplitude")) and sight.explained >= least_share(scene):
+        found += loudness(table["amplitude"], sight, scene)
+    return [str(item) for item in found]
 
 
 def _table(scene: Scene, observations: Observations) -> Columns | None:

@@ -14,7 +14,7 @@ from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
 from gridslam.checks.turned_anchors import Turn, by_chance, nearly, turned_tables, words
-from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import Columns
 from gridslam.world.network_scene import clock_model
 from gridslam.world.radio import SPEED_OF_LIGHT
@@ -278,7 +278,8 @@ def offset_beside(
     others = [replace(item, certain=False) for item in found]
     if gain > CERTAIN:  # another reading of the distances is worse by far
         others = [item for item in others if item.column != "distance_m"]
-    return [own, *others] if gain > CLEAR else [*others, own]
+    first, then = ([own], others) if gain > CLEAR else (others, [own])
+    return [*first, *(told_after(item, first) for item in then)]
 
 
 def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:

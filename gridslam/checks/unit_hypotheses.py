@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -30,12 +30,15 @@ class Suspicion:
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds", "fast",
         "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
-        "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "dB", "power" or "level".
+        "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
+        "dB", "power" or "level".
     text : str
         What it looks like and what to do.
     certain : bool
     reason : str
         The numbers behind it.
+    rivals : tuple of str
+        Columns of suspicions told before that explain the same, so that one of them is meant, not all.
     """
 
     column: str
@@ -43,9 +46,18 @@ class Suspicion:
     text: str
     certain: bool
     reason: str
+    rivals: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        return f"{self.column}: {'' if self.certain else 'probably '}{self.text} ({self.reason})"
+        chance = "" if self.certain else "probably "
+        if self.rivals:
+            chance = f"{chance}this or what stands above of {', '.join(self.rivals)}, not both: "
+        return f"{self.column}: {chance}{self.text} ({self.reason})"
+
+
+def told_after(item: Suspicion, others: Iterable[Suspicion]) -> Suspicion:
+    """A suspicion as it is told after others, of which it is a rival."""
+    return replace(item, rivals=tuple(dict.fromkeys(other.column for other in others)))
 
 
 ADVICE = {

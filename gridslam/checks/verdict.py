@@ -43,9 +43,10 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
     seen = settled(table, scene, agent)
-    line = f"line of sight to the anchors in {seen.explained:.0%} of {seen.judged}"
+    share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
+    line = f"line of sight to the anchors in {share} of {seen.judged}"
     if seen.explained >= FITTING:
-        line += ": units and frames fit the scene"
+        line += f": units and frames fit the scene{_rest(table, seen)}"
         if seen.scans < FEW:
             return f"{line}, as far as so few scans tell"
         both = steps_to_judge_by(table, seen, scene)
@@ -73,13 +74,23 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
             "give the scene the walls that you know, or a way that passes there"
         )
     hidden = "walls, of which the scene has none, may hide anchors"
-    return f"{line}: no other reading of a column explains more; {hidden}{_not_judged(table, scene, seen)}"
+    more = f"{hidden}{_rest(table, seen)}{_not_judged(table, scene, seen)}"
+    return f"{line}: no other reading of a column explains more; {more}"
 
 
 def _each(scene: Scene, seen: Sight) -> str:
     """Shares of anchors that were heard."""
     each = zip(scene.anchor_names, seen.shares, strict=True)
     return ", ".join(f"{name} {share:.0%}" for name, share in each if share == share)
+
+
+def _rest(table: Columns, seen: Sight) -> str:
+    """Which steps weren't looked at: what is wrong from there on isn't known."""
+    if seen.first is None:
+        return ""
+    begin, last = int(table["step"][0]) + seen.first, int(table["step"][-1])
+    which = f"step {last} wasn't" if begin == last else f"steps {begin} to {last} weren't"
+    return f"; {which} looked at"
 
 
 def _not_judged(table: Columns, scene: Scene, seen: Sight) -> str:

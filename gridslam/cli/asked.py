@@ -33,7 +33,9 @@ class RunOptions:
         typer.Option(help="agents, in order; default: all, of measurements the scene's first"),
     ] = None
     method: Annotated[str, typer.Option(help=method_help(), autocompletion=method_names)] = DEFAULT
-    particles: Annotated[int | None, typer.Option(help="instead of the scene's filter.particles")] = None
+    particles: Annotated[int | None, typer.Option(min=1, help="instead of the scene's filter.particles")] = (
+        None
+    )
     seed: Annotated[int, typer.Option(min=0)] = 0
     measurements: Annotated[Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")] = (
         None

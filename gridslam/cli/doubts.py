@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from gridslam.cli.run_end import busy
 
 if TYPE_CHECKING:
+    from gridslam.maps.map import Map
     from gridslam.measurements.observations import Observations
     from gridslam.runs.run import Run
     from gridslam.world.scene import Scene
@@ -46,12 +47,21 @@ def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
         if len(jolts) > OFTEN * len(run.estimates):
             push, turn = (max(factors) for factors in zip(*jolts, strict=True))
             notes.append(
-                f"note: {run.agent}: at {len(jolts)} of {len(run.estimates)} steps it moved more sharply "
+                f"{run.agent}: at {len(jolts)} of {len(run.estimates)} steps it moved more sharply "
                 f"than filter.acceleration_mps2 = {settings.acceleration_mps2:g} and filter.heading_deg = "
                 f"{settings.heading_deg:g} say; up to {push * settings.acceleration_mps2:.2g} and "
                 f"{turn * settings.heading_deg:.2g} were allowed there. Set them to how it moves"
             )
     return notes
+
+
+def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
+    """Where a map that was given, and the map that was made of it, contradict each other."""
+    from gridslam.maps.contradictions import contradictions
+
+    if earlier is None:
+        return []
+    return list(contradictions([earlier, later], [str(file), "this run's map"]))
 
 
 def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
@@ -62,33 +72,34 @@ def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Obser
         notes = [
             (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
         ]
-    return [f"note: {agent}: {note}" for agent, note in notes if note]
+    return [f"{agent}: {note}" for agent, note in notes if note]
 
 
 def _misfit_notes(
     world: Scene, runs: Sequence[Run], observations: Sequence[Observations], file: Path, scene: str
 ) -> list[str]:
-    """Where filters were unwell, or no line of sight fits: what `check` suspects, and who looks.
+    """What `check` suspects: of all where filters were unwell or nothing fits, else of times and amplitudes.
 
-    A filter may be well on exchanged anchors: it maps another world, and is sure of it.
+    A filter may be well on exchanged anchors: it maps another world, and is sure of it. Where nothing is
+    suspected of a misfit, the note says who looks closer.
     """
     import numpy as np
 
-    from gridslam.checks.range_note import fits_scene, misfits
+    from gridslam.checks.range_note import fits_scene, misfits, misread
 
     asked = shlex.join(["gridslam", "check", str(file), "--scene", scene])
     doubted, notes = [], []
     for run, observed in zip(runs, observations, strict=True):
         unwell = bool(np.mean([not one.health.ok for one in run.estimates] or [False]) > UNWELL)
         with busy("looking at lines of sight"):
-            if unwell or not fits_scene(world, run.agent, observed):
+            unfit = unwell or not fits_scene(world, run.agent, observed)
+            found = (misfits if unfit else misread)(world, run.agent, observed)
+            notes += [f"{run.agent}: suspect: {line}" for line in found]
+            if unfit and not found:
                 doubted.append(run.agent)
-                notes += [
-                    f"note: {run.agent}: suspect: {line}" for line in misfits(world, run.agent, observed)
-                ]
     if doubted:
         whole = f"{', '.join(doubted)}: whether units, angles and anchors' names fit is told by: {asked}"
-        notes.append(f"note: {whole}")
+        notes.append(whole)
     return notes
 
 
@@ -98,4 +109,4 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
 
     pairs = zip(runs, observations, strict=True)
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
-    return [f"note: {agent}: {note}" for agent, note in found if note]
+    return [f"{agent}: {note}" for agent, note in found if note]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +13,7 @@ from rich.console import Console
 
 from gridslam.cli.help import LOOK, SCENES
 from gridslam.cli.options import flag, map_in
-from gridslam.errors import InputError
+from gridslam.errors import InputError, Note
 
 out = Console()
 OTHERS = (
@@ -115,6 +116,8 @@ def export(
         named = f"{output.name!r}, which is called as a file is"
         allowed = "the name of a folder: nav2 map, pictures, tables and walls are written into it"
         raise InputError("-o", named, allowed)
+    if not map_file.exists():
+        raise InputError(str(map_file), "nothing of this name", "a map (.h5) or a run's folder")
     run = read_run(map_file) if (map_file / "run.json").is_file() else None
     found = Map.load(map_in(map_file) or map_file)
     shown, output = output, output.resolve()
@@ -147,6 +150,9 @@ def export(
         raise cannot_write(shown, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+    if not found.free.any():
+        none = "no free cells, as of methods that map none or where too little is measured"
+        warnings.warn(Note(f"{map_file}: {none}: no map for a planner"), stacklevel=2)
     _say(f"wrote {', '.join(names)} to {shown}")
 
 
@@ -159,6 +165,7 @@ def fuse(
     overwrite: Annotated[bool, flag("--overwrite", "replace a file of this name")] = False,
 ) -> None:
     """Make one map of maps that agents made apart from each other."""
+    from gridslam.maps.contradictions import contradictions
     from gridslam.maps.fusion import fuse as fused
     from gridslam.maps.map import Map
 
@@ -169,7 +176,10 @@ def fuse(
     if len(maps) < 2:
         raise InputError("fuse", f"{len(maps)} map", "two or more maps")
     maps = [map_in(path) or path for path in maps]
-    whole = fused([Map.load(path) for path in maps], same_frame, [str(path) for path in maps])
+    loaded, names = [Map.load(path) for path in maps], [str(path) for path in maps]
+    whole = fused(loaded, same_frame, names)
+    for line in contradictions(loaded, names):
+        warnings.warn(Note(line), stacklevel=2)
     whole.save(output)
     _say(f"wrote {output}: map {whole.in_words()}")
 

@@ -19,7 +19,7 @@ from gridslam.cli.options import Commands, flag, unpacked
 from gridslam.cli.robustness import robustness
 from gridslam.cli.run import run
 from gridslam.cli.study import study
-from gridslam.errors import Faults, InputError, Note
+from gridslam.errors import Faults, InputError, Note, renamed
 from gridslam.wording import counted
 
 app = Commands(
@@ -56,27 +56,32 @@ def simulate(
     if output.suffix not in (".csv", ".h5"):
         raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
     world = Scene.load(scene)
-    names = agents_of(world, agent or [a.name for a in world.agents[:1]], {})
-    refuse_taken([output], overwrite)
-    if signal:
-        if len(names) > 1 or unlabelled:
-            raise InputError("--signal", "several agents" if len(names) > 1 else "--unlabelled", "one agent")
-        if output.suffix != ".h5":
-            raise InputError("-o", repr(output.name), "a name that ends in .h5, with --signal")
-        samples = hear(world, names[0], seed, what="signal")
-        samples.to_h5(output)
-        counts = f"{counted(len(samples), 'step')}, samples {' x '.join(map(str, samples.waveform.shape))}"
-    elif len(names) == 1 and not unlabelled:
-        measurements = hear(world, names[0], seed)
-        (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
-        counts = f"{counted(len(measurements), 'step')}, {counted(len(measurements.step), 'measurement')}"
-    else:
-        several = hear(world, names, seed, unlabelled)
-        (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)
-        rows = counted(len(several.agent), "measurement")
-        counts = f"{counted(len(names), 'agent')}, {counted(len(several), 'step')}, {rows}"
-    what = f"{world.name}, {', '.join(names)}, seed {seed}"
-    out.print(f"wrote {output}: {counts} ({what})", highlight=False, markup=False, soft_wrap=True)
+    with renamed(world.name, scene):
+        names = agents_of(world, agent or [a.name for a in world.agents[:1]], {})
+        refuse_taken([output], overwrite)
+        if signal:
+            if len(names) > 1 or unlabelled:
+                raise InputError(
+                    "--signal", "several agents" if len(names) > 1 else "--unlabelled", "one agent"
+                )
+            if output.suffix != ".h5":
+                raise InputError("-o", repr(output.name), "a name that ends in .h5, with --signal")
+            samples = hear(world, names[0], seed, what="signal")
+            samples.to_h5(output)
+            counts = (
+                f"{counted(len(samples), 'step')}, samples {' x '.join(map(str, samples.waveform.shape))}"
+            )
+        elif len(names) == 1 and not unlabelled:
+            measurements = hear(world, names[0], seed)
+            (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
+            counts = f"{counted(len(measurements), 'step')}, {counted(len(measurements.step), 'measurement')}"
+        else:
+            several = hear(world, names, seed, unlabelled)
+            (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)
+            rows = counted(len(several.agent), "measurement")
+            counts = f"{counted(len(names), 'agent')}, {counted(len(several), 'step')}, {rows}"
+        what = f"{world.name}, {', '.join(names)}, seed {seed}"
+        out.print(f"wrote {output}: {counts} ({what})", highlight=False, markup=False, soft_wrap=True)
 
 
 signals.register(app)

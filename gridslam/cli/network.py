@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.doubts import truth_notes
+from gridslam.cli.doubts import map_notes, truth_notes
 from gridslam.cli.observed import hints, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
@@ -62,7 +62,8 @@ def run_network(asked: Asked) -> None:
             other = (
                 None if file is None else simulated_note(world, file, measurements.agents, measurements.table)
             )
-            for line in (*place.notes, other, note, *hints(world, asked.method, given_rows)):
+            told = [*filter(None, (other, note)), *hints(world, asked.method, given_rows)]
+            for line in (*place.notes, *told):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": list(measurements.agents), "particles": world.filter.particles, "start": how}
@@ -94,14 +95,15 @@ def run_network(asked: Asked) -> None:
             runs = list(done.runs.values())
             given = source([] if file is None else [file])
             observed: list[Observations] = [measurements[run.agent] for run in runs]
-            notes = [] if file is None else truth_notes(world, runs, observed)
-            more = {"network": whole, "notes": [line.removeprefix("note: ") for line in notes]}
+            notes = map_notes(prior, done.map, asked.map_file)
+            notes += [] if file is None else truth_notes(world, runs, observed)
+            more: dict[str, Any] = {"network": whole}
             if file is not None:  # nobody knows how exact it is
                 more["start"] = "scene"
             end = Done(
                 runs, observed, scores, given | more,
                 f"{len(done.clocks.step)} of {len(measurements)} steps" if done.interrupted else "",
-                clock_files(done.clocks, measurements.clocks), [*_lines(whole), *notes],
+                clock_files(done.clocks, measurements.clocks), _lines(whole), notes, told,
             )  # fmt: skip
             finish(folder, place, world, end, stopped, termination)
 

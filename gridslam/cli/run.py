@@ -12,7 +12,7 @@ from rich.console import Console
 
 from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
-from gridslam.cli.doubts import fit_notes, jolt_notes
+from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     hints,
@@ -26,6 +26,7 @@ from gridslam.cli.observed import (
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import refuse_contradictions, unfinished
 from gridslam.cli.run_end import Done, busy, finish, go_on_later
+from gridslam.errors import InputError, renamed
 from gridslam.systems.registry import METHODS, method_class, taken_by
 
 if TYPE_CHECKING:
@@ -45,14 +46,18 @@ def run(context: typer.Context, options: RunOptions) -> None:
 
     if options.resume is not None:
         refuse_contradictions(context, options.resume)
+    if Path(options.scene).suffix in (".csv", ".h5", ".mat"):
+        allowed = f"a scene, and then --measurements {options.scene} (or --signal {options.scene})"
+        raise InputError("SCENE", repr(options.scene), allowed)
     world = Scene.load(options.scene)
-    if options.particles is not None:
-        world = world.with_filter(particles=options.particles)
-    asked = Asked.of(context, options, world)
-    if asked.method in METHODS and METHODS[asked.method].several:
-        run_network(asked)
-    else:
-        _run_in_turn(asked)
+    with renamed(world.name, options.scene):
+        if options.particles is not None:
+            world = world.with_filter(particles=options.particles)
+        asked = Asked.of(context, options, world)
+        if asked.method in METHODS and METHODS[asked.method].several:
+            run_network(asked)
+        else:
+            _run_in_turn(asked)
 
 
 def _run_in_turn(asked: Asked) -> None:
@@ -88,7 +93,8 @@ def _run_in_turn(asked: Asked) -> None:
             runtime.start(asked.device, asked.threads)
             taken = _taken_note(asked, names, files)
             other = [simulated_note(world, by_name[name], name, own) for name, own in known.items()]
-            for line in (*place.notes, taken, *other, note, *hints(world, method, every[names[0]])):
+            before = [*filter(None, (*other, note)), *hints(world, method, every[names[0]])]
+            for line in (*place.notes, taken, *before):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
@@ -107,13 +113,14 @@ def _run_in_turn(asked: Asked) -> None:
                 go_on_later(folder, earlier, termination)
             progress = _progress(runs, observations, names)
             notes = _height_notes(runs) + jolt_notes(world, runs)
+            notes += map_notes(given, runs[-1].map, asked.map_file)
             if file is not None:
                 notes += fit_notes(world, runs, observations, file, asked.scene)
             given_files = source([by_name[one.agent] for one in runs if by_name])
-            settings = given_files | {"notes": [line.removeprefix("note: ") for line in notes]}
+            settings = dict(given_files)
             if file is not None:  # nobody knows how exact it is
                 settings["start"] = "scene"
-            done = Done(runs, observations, scores, settings, progress, lines=notes)
+            done = Done(runs, observations, scores, settings, progress, notes=notes, before=before)
             finish(folder, place, world, done, stopped, termination)
 
 
@@ -224,12 +231,12 @@ def _progress(runs: list[Run], observations: list[Observations], names: list[str
 def _height_notes(runs: list[Run]) -> list[str]:
     """Heights and coefficients of levels that were estimated, as believed at the end."""
     levels = [
-        f"note: {done.agent}: coefficient of the {name} {found:.2f} +-{std:.2f}"
+        f"{done.agent}: coefficient of the {name} {found:.2f} +-{std:.2f}"
         for done in runs
         for name, (found, std) in (done.estimates[-1].coefficients if done.estimates else {}).items()
     ]
     return levels + [
-        f"note: {done.agent}: height of {'the agent' if name == 'agent' else f'the {name}'} "
+        f"{done.agent}: height of {'the agent' if name == 'agent' else f'the {name}'} "
         f"{height:.3f} m +-{std:.3f}"
         for done in runs
         for name, (height, std) in (done.estimates[-1].heights if done.estimates else {}).items()

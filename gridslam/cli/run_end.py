@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
 out, err = Console(), Console(stderr=True)
+SUSPECT = ": suspect: "
 WIDEST_TABLE = 160
 """Columns up to which the table is printed whole, whatever the terminal."""
 
@@ -44,6 +45,10 @@ class Done:
         Writers of more files, by name.
     lines : list of str
         More to say of it.
+    notes : list of str
+        The same, kept in ``run.json``.
+    before : list of str
+        Notes that were told before the run, kept in ``run.json``.
     """
 
     runs: list[Run]
@@ -53,6 +58,31 @@ class Done:
     progress: str
     more: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
     lines: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    before: list[str] = field(default_factory=list)
+
+    @property
+    def weighty(self) -> list[str]:
+        """Who was lost, and what is suspected of the measurements: what else is said follows from these."""
+        from gridslam.runs.notes import lost_note
+
+        lost = [
+            lost_note(run.agent, run.trajectory, observed.truth, run.estimates)
+            for run, observed, score in zip(self.runs, self.observations, self.scores, strict=True)
+            if score.get("diverged")
+        ]
+        return [*filter(None, lost), *(note for note in self.notes if SUSPECT in note)]
+
+    @property
+    def other(self) -> list[str]:
+        """All other notes."""
+        return [note for note in self.notes if SUSPECT not in note]
+
+    @property
+    def kept(self) -> list[str]:
+        """The notes of ``run.json``, the weighty first."""
+        cut = [f"cut short after {self.progress}"] if self.progress else []
+        return [*cut, *self.weighty, *self.before, *self.other]
 
 
 def busy(what: str) -> AbstractContextManager[object]:
@@ -86,6 +116,7 @@ def _stop(line: str, termination: Termination) -> None:
 
 def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
     """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
+    from gridslam.runs.notes import health_notes
     from gridslam.runs.run_files import read_run, write_run
     from gridslam.viewers.plots import draw_all
 
@@ -102,19 +133,25 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
     fault: InputError | None = None
     try:
         write_run(
-            folder, world, done.runs, done.observations, done.scores, done.settings, place.overwrite, draw,
-            place, done.more,
+            folder, world, done.runs, done.observations, done.scores,
+            {**done.settings, "notes": done.kept}, place.overwrite, draw, place, done.more,
         )  # fmt: skip
     except KeyboardInterrupt:
         whole = False
     except InputError as error:  # the table is worth seeing all the same
         fault = error
     out.print(_table(done.runs, done.scores), width=max(out.width, WIDEST_TABLE), crop=False)
-    for run, score in zip(done.runs, done.scores, strict=True):
-        for why, steps in score["health"]["why"].items():
-            _say(f"note: {run.agent}: {why} ({steps} of {len(run.estimates)} steps)")
+    unwell = [
+        note
+        for run, score in zip(done.runs, done.scores, strict=True)
+        for note in health_notes(run.agent, score)
+    ]
+    for note in (*done.weighty, *unwell):
+        _say(f"note: {note}")
     for line in done.lines:
         _say(line)
+    for note in done.other:
+        _say(f"note: {note}")
     if fault is not None:
         raise fault
     _say(f"wrote {folder}, computed on the {done.runs[-1].device}")
@@ -134,8 +171,11 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
 
     def number(value: float | None, form: str, scale: float = 1, own: float | None = None) -> str:
         if value is None and own is not None:  # without a truth, what the filter says itself
-            return f"+-{format(scale * own, form)}"
-        return "-" if value is None else format(scale * value, form)
+            return f"+-{number(own, form, scale)}"
+        if value is None:
+            return "-"
+        # of a lost agent: more digits would push the table beyond a terminal
+        return format(scale * value, ".0f" if abs(scale * value) >= 100 and form == ".2f" else form)
 
     for done, score in zip(runs, scores, strict=True):
         found, matched, true = (score[f"surfaces_{key}"] for key in ("detected", "matched", "true"))

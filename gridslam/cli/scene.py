@@ -17,6 +17,7 @@ from gridslam.wording import counted
 out = Console()
 scene_app = Commands(no_args_is_help=True, help="Make, show and import scene files.")
 POSES = "x,y or x,y,deg, or with heights x,y,z,deg"
+UNTURNED = "no angle told, so 0 degrees: it faces along x"
 KINDS = "FILE.geojson, FILE.json or FILE.dxf"
 
 
@@ -75,7 +76,7 @@ def import_plan(
     material: Annotated[list[str] | None, typer.Option(help="LAYER=MATERIAL")] = None,
     reflection: Annotated[list[str] | None, typer.Option(help="MATERIAL=COEFFICIENT")] = None,
     layer: Annotated[list[str] | None, typer.Option(help="only this layer of a DXF drawing")] = None,
-    unit: Annotated[str | None, typer.Option(help="of a DXF drawing: m, dm, cm, mm, in or ft")] = None,
+    unit: Annotated[str | None, typer.Option(help="of the plan: m, dm, cm, mm, in or ft")] = None,
     origin: Annotated[str, typer.Option(help="x,y of the plan that becomes the scene's 0,0, m")] = "0,0",
     cell: Annotated[float, typer.Option(min=0.001, help="side of a cell, m")] = 0.1,
     geographic: Annotated[bool, flag("--geographic", "GeoJSON in degrees")] = False,
@@ -102,9 +103,14 @@ def import_plan(
     coefficients = {name: _share(name, text) for name, text in values.items()}
     kind = file.suffix.lower()
     if kind == ".dxf":
+        if geographic:
+            raise InputError("--geographic", f"with {file.name}", "GeoJSON, for which it is")
         lines, note = dxf.read_walls(file, unit, layer or ())
     elif kind in (".geojson", ".json"):
-        lines, note = geojson.read_walls(file, geographic), ""
+        if layer:
+            raise InputError("--layer", f"{layer[0]!r} with {file.name}", "a DXF drawing, which has layers")
+        lines = geojson.read_walls(file, geographic, unit)
+        note = f"units: {unit}, as asked for" if unit else ""
     else:
         raise InputError(str(file), f"a name that ends in {kind!r}", KINDS)
     plan = plan_of(
@@ -121,7 +127,10 @@ def import_plan(
         start_height_m=agent[1] if agent is not None else None,
     )
     picture = write_plan(plan, output)
-    for line in (note, *(f"note: {far}; the region to map reaches there" for far in plan.outside)):
+    notes = [f"--anchor {text}: {UNTURNED}" for text in anchor or () if text.count(",") == 1]
+    notes += [f"--start {start}: {UNTURNED}"] if start is not None and start.count(",") == 1 else []
+    notes += [f"{far}; the region to map reaches there" for far in plan.outside]
+    for line in (note, *(f"note: {told}" for told in notes)):
         if line:
             _say(line)
     for name, (value, why) in plan.materials.items():

@@ -48,8 +48,8 @@ PAD_IN = 0.05
 """Above and below what is drawn, inches."""
 LAYOUTS = 2
 """Times that a figure is laid out: ticks change with the size of the axes, and the axes with the ticks."""
-OUTLINE = 0.8
-"""Width of true walls, points."""
+OUTLINE, BAND = 0.8, 1.8
+"""Widths of true walls, points: as a line, and as a pale outline on which surfaces found are seen."""
 NEAREST: dict[str, Any] = {"interpolation": "nearest", "interpolation_stage": "data"}
 """Cells as they are; the other stage makes four doubles of every cell before it picks those that are seen."""
 
@@ -112,7 +112,7 @@ def draw_map(
     if mapped:
         occupancy(axes, grid)
     if scene is not None:
-        true_walls(axes, scene, GREEN, OUTLINE)
+        true_walls(axes, scene, GREEN, BAND, 0.5)
     surfaces(axes, grid, false)
     if track is not None:
         axes.plot(*track.position_m.T, color=BLUE, lw=1.8, label="estimated track", zorder=4)
@@ -265,14 +265,13 @@ def colorbar(figure: Figure, axes: Axes, scale: ScalarMappable, label: str, weak
     figure.colorbar(scale, cax=side, label=label, extend="min" if weak else "neither", ticks=ticks)
 
 
-def true_walls(axes: Axes, scene: Scene, color: str, width: float) -> None:
+def true_walls(axes: Axes, scene: Scene, color: str, width: float, alpha: float = 1.0) -> None:
     """The scene's walls as outlines, below occupied cells."""
     walls = scene.segments()
     if len(walls):
         lines = list(np.stack([walls.start, walls.end], 1))
-        axes.add_collection(
-            LineCollection(lines, colors=color, linewidths=width, label="true walls", zorder=1)
-        )
+        style: dict[str, Any] = {"colors": color, "linewidths": width, "alpha": alpha, "zorder": 1}
+        axes.add_collection(LineCollection(lines, label="true walls", **style))
     scatterers(axes, scene, color)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.extraction.ambiguity import ambiguous
@@ -78,7 +79,8 @@ def extract(
     if scene is not None and scene.anchor_names != recording.anchors:
         raise InputError("signal: anchors", ", ".join(recording.anchors), ", ".join(scene.anchor_names))
     least = 0.0 if scene is None else 10 ** (scene.radio.detection_threshold_db / 20)
-    tables = [_paths_of(recording, anchor, rate, most_paths) for anchor in range(len(recording.anchors))]
+    with runtime.one_blas_thread():
+        tables = [_paths_of(recording, anchor, rate, most_paths) for anchor in range(len(recording.anchors))]
     columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     order = np.lexsort((columns["distance_m"], columns["anchor"], columns["step"]))
     order = order[columns["amplitude"][order] >= least]

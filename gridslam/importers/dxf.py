@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line
+from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, NAMED_M, Line, unit_m
 
 UNITS_M = {
     1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 10: 0.9144, 14: 0.1, 15: 10.0,
     16: 100.0, 21: 1200 / 3937,
 }  # fmt: skip
 """Codes of ``$INSUNITS``."""
-NAMED_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 DRAWN = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 SAGITTA_M, FEWEST_FACETS, MOST_FACETS = 0.01, 8, 200
 DEEPEST, MOST_BLOCKS = 8, 20_000
@@ -108,9 +107,7 @@ def _damaged(path: Path, error: Exception) -> InputError:
 
 def _scale(drawing: Any, unit: str | None, where: str) -> tuple[float, str]:
     if unit is not None:
-        if unit not in NAMED_M:
-            raise InputError("--unit", repr(unit), ", ".join(NAMED_M))
-        return NAMED_M[unit], f"units: {unit}, as asked for"
+        return unit_m(unit), f"units: {unit}, as asked for"
     code = drawing.header.get("$INSUNITS", 0)
     if code == 0:
         return 1.0, "units: the drawing says none, read as metres (--unit mm if not)"

@@ -25,6 +25,8 @@ ASSUMED = 0.7
 MOST_PIECES, FARTHEST_M = 20_000, 10_000.0
 LARGEST_BYTES = 2**26
 MARGIN_M, ROUND_M = 1.0, 0.5
+NAMED_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""Units of drawings and GeoJSON, as --unit names them."""
 
 
 @dataclass(frozen=True)
@@ -239,9 +241,6 @@ def plan_of(
         raise InputError(source, f"{pieces} pieces of walls", f"at most {MOST_PIECES}")
     places = [np.reshape(line.points or [line.arc["centre_m"]], (-1, 2)) for line in drawn]  # type: ignore[index]
     whole = np.concatenate(places)
-    if np.abs(whole).max() > FARTHEST_M:
-        near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
-        raise InputError(source, f"walls {np.abs(whole).max():.0f} m from the origin", near)
     width, height = np.ptp(whole, axis=0)
     need = width * height / plan.cell_m**2 * CELL_BYTES
     if need > MOST_BYTES:
@@ -250,7 +249,23 @@ def plan_of(
         )
         allowed = f"{in_gb(MOST_BYTES)}: --unit mm or cm where it isn't in metres, or a larger --cell"
         raise InputError(source, found, allowed)
+    if np.abs(whole).max() > FARTHEST_M:
+        near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
+        raise InputError(source, f"walls {np.abs(whole).max():.0f} m from the origin", near)
     return plan
+
+
+def unit_m(unit: str) -> float:
+    """Metres in a unit that --unit names.
+
+    Raises
+    ------
+    InputError
+        It isn't one of `NAMED_M`.
+    """
+    if unit not in NAMED_M:
+        raise InputError("--unit", repr(unit), ", ".join(NAMED_M))
+    return NAMED_M[unit]
 
 
 def _moved(line: Line, origin: tuple[float, float]) -> Line | None:

@@ -6,14 +6,17 @@ import json
 import math
 import os
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
-from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line
+from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line, unit_m
 from gridslam.io.files import write_bytes
 from gridslam.maps.walls import WallSegments
 
@@ -24,7 +27,7 @@ SMALLEST_M = 0.05
 """A plan smaller than this isn't in metres: floor plans in degrees are."""
 
 
-def read_walls(path: str | os.PathLike[str], geographic: bool = False) -> list[Line]:
+def read_walls(path: str | os.PathLike[str], geographic: bool = False, unit: str | None = None) -> list[Line]:
     """Read all lines and polygons, with their ``material``, ``reflection`` and ``name``.
 
     Parameters
@@ -32,13 +35,19 @@ def read_walls(path: str | os.PathLike[str], geographic: bool = False) -> list[L
     path : path
     geographic : bool
         Coordinates are longitudes and latitudes (WGS 84), to be flattened about their middle.
+    unit : str, optional
+        Of coordinates, as `floorplans.NAMED_M` names it; metres unless told.
 
     Raises
     ------
     InputError
-        Not GeoJSON, coordinates that are no numbers, or properties that make no sense.
+        Not GeoJSON, coordinates that are no numbers, properties that make no sense, an unknown unit, or one
+        of degrees.
     """
     path = Path(path)
+    if geographic and unit is not None:
+        raise InputError("--unit", f"{unit!r} with --geographic, which is degrees", "one of the two")
+    scale = 1.0 if unit is None else unit_m(unit)
     lines = []
     for geometry, properties, where in _features(_load(path), f"{path}", 0):
         material, reflection, name = _properties(properties, where)
@@ -48,7 +57,7 @@ def read_walls(path: str | os.PathLike[str], geographic: bool = False) -> list[L
                 raise InputError(str(path), "too many lines", f"at most {MOST_PIECES}")
     if not lines:
         raise InputError(str(path), "no walls", "LineString or Polygon features")
-    return _in_metres(lines, geographic, str(path))
+    return _in_metres(lines, geographic, scale, str(path))
 
 
 def _load(path: Path) -> Any:
@@ -148,32 +157,34 @@ def _properties(table: dict[str, Any], where: str) -> tuple[str, float | None, s
     return material, None if reflection is None else float(reflection), named
 
 
-def _in_metres(lines: list[Line], geographic: bool, where: str) -> list[Line]:
+def _in_metres(lines: list[Line], geographic: bool, unit_in_m: float, where: str) -> list[Line]:
     points = np.array([point for line in lines for point in line.points]).reshape(-1, 2)
     if not len(points):
         raise InputError(where, "no walls", "lines with points")
-    if not geographic:
-        size = np.ptp(points, axis=0).max()
-        if size < SMALLEST_M:
-            raise InputError(where, f"a plan {size:.3g} wide", "metres, or --geographic for degrees")
-        return lines
+    if geographic:
+        return _replaced(lines, _flattened(points, where))
+    size = unit_in_m * np.ptp(points, axis=0).max()
+    if size < SMALLEST_M:
+        allowed = "metres, another --unit, or --geographic for degrees"
+        raise InputError(where, f"a plan {size:.3g} m wide", allowed)
+    return _replaced(lines, unit_in_m * points) if unit_in_m != 1 else lines
+
+
+def _flattened(points: Array, where: str) -> Array:
+    """Longitudes and latitudes as metres about their middle."""
     if np.abs(points[:, 0]).max() > 180 or np.abs(points[:, 1]).max() > 89:
         raise InputError(where, "numbers beyond 180 or 89", "longitudes and latitudes with --geographic")
     middle = 0.5 * (points.min(0) + points.max(0))
     latitude, squared = np.radians(middle[1]), FLATTENING * (2 - FLATTENING)
     bend = 1 - squared * np.sin(latitude) ** 2
     scale = np.radians(EARTH_M) * np.array([np.cos(latitude) / bend**0.5, (1 - squared) / bend**1.5])
-    flat = iter(((points - middle) * scale).tolist())
-    return [
-        Line(
-            tuple((x, y) for x, y in (next(flat) for _ in line.points)),
-            line.material,
-            line.closed,
-            line.reflection,
-            line.name,
-        )
-        for line in lines
-    ]
+    return np.asarray((points - middle) * scale)
+
+
+def _replaced(lines: list[Line], points: Array) -> list[Line]:
+    """The lines with these points, in the same order."""
+    rest = iter(points.tolist())
+    return [replace(line, points=tuple((x, y) for x, y in islice(rest, len(line.points)))) for line in lines]
 
 
 def surfaces(found: SurfaceEstimate, walls: WallSegments | None = None) -> dict[str, Any]:

@@ -69,7 +69,8 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     Map
         The same map if it is on the scene's grid already (and no word was needed).
     str or None
-        What was done to it, and whether its makers were told the truth or lost, in one line.
+        What was done to it, whether its makers were told the truth or lost, and whether it names no frame
+        where the scene does, in one line.
 
     Raises
     ------
@@ -90,7 +91,9 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
         on_grid = grid.resample(scene.grid.origin_m, scene.grid.cell_m, scene.grid.shape)
     except InputError as error:
         raise InputError(error.where.replace("map", where, 1), error.found, error.allowed) from error
-    notes = [f"{where}: whoever made it was told the {grid.truth_given}"] if grid.truth_given else []
+    unnamed = scene.frame is not None and not same_frame and not _names(grid.provenance)
+    notes = [f"{where}: names no frame; taken for {scene.frame}, by its anchors"] if unnamed else []
+    notes += [f"{where}: whoever made it was told the {grid.truth_given}"] if grid.truth_given else []
     if grid.lost:
         notes.append(f"{where}: {grid.lost} was lost in the end, so nobody goes on from it")
     if on_grid is not grid:

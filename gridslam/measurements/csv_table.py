@@ -231,7 +231,8 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
     for name in header:
         meant = None if name in known else meant_by(name)
         misspelt = name not in known and difflib.get_close_matches(name.lower(), known)
-        if meant and meant.column not in header and (misspelt or meant.column != "amplitude"):
+        noted = meant and meant.column in ("amplitude", "agent")  # a table may do without
+        if meant and meant.column not in header and (misspelt or not noted):
             found = f"a column {name!r}, and no {meant.column}"
             raise InputError(where, found, f"{meant.column}, {meant.way}")
         if not name or (misspelt and not meant):

@@ -11,6 +11,8 @@ RATIO, LEVEL = ("snr", "amplitude"), ("rssi", "rss", "rsrp", "power", "gain")
 SECOND = {"ms": "1000", "us": "1e6", "ns": "1e9"}
 METRE = {"mm": "1000", "cm": "100", "km": "0.001", "ft": "3.28084", "feet": "3.28084"}
 """How many of a unit there are in ours."""
+DEVICE = ("robot", "tag", "device", "node")
+"""What agents are called, alone or followed by `_id`."""
 OURS, DECIBELS = ("time", "distance", "amplitude"), ("db", "dbm")
 
 
@@ -34,6 +36,8 @@ def meant_by(name: str) -> Meant | None:
     if first in DELAY:
         seconds = f"{name} / {SECOND[unit]}" if unit in SECOND else "delays"
         return Meant("distance_m", f"in metres: {seconds} times the speed of light, 299792458")
+    if first in DEVICE and rest in ("", "id", "name"):
+        return Meant("agent", "a name of the scene's [[agents]] in each row, where there are several")
     root, decibels = "the root of the SNR", unit in DECIBELS
     if first in RATIO and decibels:
         return Meant("amplitude", f"{root}: 10 ** ({name} / 20)")

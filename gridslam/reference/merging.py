@@ -57,7 +57,7 @@ def find_duplicates(
 
 def find_ghosts(
     mean: Array, covariance: Array, head: int, surface: Array, seen: Whole, age: Array, single: Array,
-    places: Array,
+    places: Array, least: float,
 ) -> NDArray[np.bool_]:  # fmt: skip
     """Twin of `merging.find_ghosts`: which surfaces are ghosts, (S,)."""
     variance = covariance[head + 1 :: 2, head + 1 :: 2].diagonal()
@@ -72,7 +72,7 @@ def find_ghosts(
     younger = age[:, None] > np.minimum(age[last], age[first])
     for one in (last, first):
         younger &= seen[one] * age[:, None] > own * age[one]
-    surer &= (np.minimum(seen[last], seen[first]) > own) | (younger & silent[:, None])
+    surer &= (np.minimum(seen[last], seen[first]) > least * seen[:, None]) | (younger & silent[:, None])
     if not surer.any():
         return ~good
     through = _through_corners(lines, last, first)

@@ -307,7 +307,9 @@ def read_unfinished(directory: str | os.PathLike[str]) -> Unfinished:
     """
     part = unfinished_part(directory)
     if part is None:
-        raise InputError(str(directory), "no unfinished run", "the folder of a run with --checkpoint")
+        done = (Path(directory) / "run.json").is_file()
+        found = "a finished run: nothing is left to do" if done else "no unfinished run"
+        raise InputError(str(directory), found, "the folder of a run with --checkpoint")
     return Unfinished.read(part)
 
 

@@ -91,7 +91,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = merge_and_prune(state, model, most=None, exchanges=exchanges)  # docs/model.md, section 9
+    state = merge_and_prune(
+        state, model, most=None, exchanges=exchanges, departs=scans.departs
+    )  # docs/model.md, section 9
     state = representation.park(recalled, state, model, work=work)
     unclaimed_rows = unclaimed(exchanges)
     state = remember_leftovers(state, scans, unclaimed_rows, model, work=work)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.inference.management.free_turn import turn_followed
 from gridslam.inference.management.merging import merge_and_prune
@@ -137,8 +136,7 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         if scan.heard.any():
             departs = any(len(element) > 1 for element in self.waveform.anchor_element_m)
             believed = turn_followed(believed, departs, self.model)
-        with runtime.one_blas_thread():
-            return advance(believed, scan, self.model, self.work, self.advance)
+        return advance(believed, scan, self.model, self.work, self.advance)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

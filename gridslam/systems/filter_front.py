@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
@@ -197,8 +198,9 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         identity = self.now.identity.after(scan)
         if identity.scans == 1:
             refuse_heard(self.provenance, identity)
-        believed, info = self._advanced(scan)
-        estimate = self.estimate(believed, scan, info, began)
+        with runtime.one_blas_thread():
+            believed, info = self._advanced(scan)
+            estimate = self.estimate(believed, scan, info, began)
         # last and at once: whatever interrupts a step leaves the moment before
         self.now = Moment(believed, identity, info, scan.step)
         return estimate

@@ -94,7 +94,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = update_coefficients(state, drawn, model, work=work)  # (M42)
     state = update_cells(state, work=work)  # eq. (46)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = merge_and_prune(state, model, most=None, exchanges=exchanges)  # section III-F
+    state = merge_and_prune(
+        state, model, most=None, exchanges=exchanges, departs=scans.departs
+    )  # section III-F
     state = representation.park(recalled, state, model, work=work)  # docs/model.md, section 9
     unclaimed_rows = unclaimed(exchanges)
     state = remember_leftovers(state, scans, unclaimed_rows, model, work=work)

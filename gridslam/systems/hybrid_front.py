@@ -8,7 +8,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimate_tables import PathEstimate
 from gridslam.estimates import Estimate
@@ -78,8 +77,7 @@ class HybridFilter(SignalFilter[HybridState]):
         require_sound(state, model, where, always_particles=cls.sight_alone)
 
     def _advanced(self, scan: SignalScan) -> tuple[HybridState, HybridInfo]:
-        with runtime.one_blas_thread():
-            return super()._advanced(scan)
+        return super()._advanced(scan)
 
     def estimate(self, state: HybridState, scan: SignalScan, info: HybridInfo, began: float) -> Estimate:
         """Agent and lines of sight; the heading is the measured one."""

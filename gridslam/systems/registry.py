@@ -289,7 +289,9 @@ def method_class(method: str | type, where: str = "method") -> type[Slam]:
         theirs = sorted({entry.name for entry in _entry_points()} - set(METHODS))
         from gridslam.world.validation import nearest
 
-        raise InputError(where, repr(method), nearest(method, (*METHODS, *theirs, OWN)))
+        known = (*METHODS, *theirs, OWN)
+        close, every = nearest(method, known), ", ".join(known)
+        raise InputError(where, repr(method), every if close == every else f"{close}; all: {every}")
     return cast("type[Slam]", _imported(METHODS[method].path, where))  # ours are tested, not asked
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.inference.health.range_fits import errors_of
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
@@ -36,7 +37,7 @@ def require_sound_population(population: Population[State], model: FilterModel, 
     """Refuse hypotheses whose numbers can't be, or one of whose states can't; see `require_sound`."""
     require_sound_weights(population, where)
     if population.ranges is not None:
-        _require_sound_ranges(population.ranges, 2 * model.senders + 1, f"{where}/ranges")
+        _require_sound_ranges(population.ranges, errors_of(model.senders), f"{where}/ranges")
     for number, state in enumerate(population.states):
         require_sound(state, model, f"{where}/states/{number}")
 

@@ -173,7 +173,7 @@ def draw_errors(
         heading.set_ylabel("heading (deg)")
     if with_surfaces:
         shared = None if truth is None else _seen_so_far(truth.joined(beside), earlier, len(steps))
-        _count_surfaces(rows[-1], found, shared)
+        _count_surfaces(rows[-1], found, shared, any(wall.arc is not None for wall in scene.walls))
         rows[-1].legend(ncols=2, **place)
     rows[-1].set(xlabel="step", xlim=(steps[0], max(steps[-1], steps[0] + 1)))
     for axes in rows:
@@ -190,14 +190,13 @@ def maps_surfaces(found: AgentFiles) -> bool:
     return mapped or any(len(e.surfaces) for e in found.estimates)
 
 
-def _count_surfaces(count: Axes, found: AgentFiles, true: list[int] | None) -> None:
-    """Surfaces found over the steps and, where they are known, the true ones."""
+def _count_surfaces(count: Axes, found: AgentFiles, true: list[int] | None, curved: bool) -> None:
+    """Surfaces found over the steps and, where they are known, the true ones, a curved wall once."""
+    each, once = (" (curved walls: each piece)", " (curved walls once)") if curved else ("", "")
     steps, number = [e.step for e in found.estimates], [int(e.detected.sum()) for e in found.estimates]
-    count.step(steps, number, where="mid", color=BLUE, lw=2.0, label="detected")
+    count.step(steps, number, where="mid", color=BLUE, lw=2.0, label=f"detected{each}")
     if true is not None:
-        count.step(
-            steps, true, where="mid", color="k", lw=0.9, ls="--", label="true, hit so far (curved ones once)"
-        )
+        count.step(steps, true, where="mid", color="k", lw=0.9, ls="--", label=f"true, hit so far{once}")
     count.set(ylabel="surfaces", ylim=(0, 1.15 * max([1, *number, *(true or ())])))
     count.yaxis.set_major_locator(MaxNLocator(5, integer=True))
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from gridslam.io.files import refuse_taken, write_bytes
 from gridslam.maps.map import Map
+from gridslam.runs.notes import health_notes, lost_note
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.viewers.animation import animate, film_ending
 from gridslam.viewers.plots import draw_all
@@ -164,10 +165,16 @@ def _head(run: RunFiles) -> str:
         f"device {summary.get('device', '?')}",
     ]
     about = f"<p>{escape(scene.description)}</p>" if scene.description else ""
-    notes = "".join(
-        f"<p><strong>Note:</strong> {escape(str(note))}</p>" for note in summary.get("notes") or ()
-    )
+    notes = "".join(f"<p><strong>Note:</strong> {escape(note)}</p>" for note in _notes(run))
     return f"<h1>{escape(scene.name)}</h1>{about}\n<p>{escape(', '.join(facts))}</p>{notes}"
+
+
+def _notes(run: RunFiles) -> list[str]:
+    """All that was said of the run, in the words of `run`."""
+    kept = [str(note) for note in run.summary.get("notes") or ()]
+    lost = [lost_note(name, own.trajectory, own.truth, own.estimates) for name, own in run.agents.items()]
+    health = [note for name in run.agents for note in health_notes(name, run.summary["agents"][name])]
+    return [*(note for note in lost if note and note not in kept), *kept, *health]
 
 
 def _scores(agents: Mapping[str, Any]) -> str:
@@ -178,9 +185,7 @@ def _scores(agents: Mapping[str, Any]) -> str:
         values = [scores.get(key) for scores in flat.values()]
         if any(value is not None for value in values):
             rows.append([label, *("-" if value is None else form(value) for value in values)])
-    lost = [name for name, scores in flat.items() if scores.get("diverged")]
-    note = f"<p><strong>Diverged: {escape(', '.join(lost))}</strong></p>" if lost else ""
-    return _table(["", *flat], rows) + note
+    return _table(["", *flat], rows)
 
 
 def _film(

@@ -88,6 +88,7 @@ def find_ghosts(
     age: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [S] chances to be seen; zeros: ratios don't count
     single: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, S] existence of rays over one surface
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 2] anchors
+    least: ti.f64,  # times as often as it that two others must have been seen
     ghost: ti.types.ndarray(dtype=ti.i32, ndim=1),  # [S] out: 1 for a ghost
 ):
     """Find the surfaces whose virtual anchor a double bounce over two surer ones makes."""
@@ -101,7 +102,7 @@ def find_ghosts(
                 if s != r and fit_for_it(r, covariance, head, surface, seen):
                     chance, often = ti.min(surface[s], surface[r]), ti.min(seen[s], seen[r])
                     for g in range(count):
-                        oftener = often > OFTENER * seen[g]
+                        oftener = often > least * seen[g]
                         if not oftener:
                             oftener = silenced(g, s, r, seen, age, single, places.shape[0])
                         if ghost[g] == 0 and chance > surface[g] and oftener:

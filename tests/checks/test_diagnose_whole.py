@@ -190,6 +190,7 @@ def test_right_tables_are_not_said_to_misfit_where_too_little_is_known(tmp_path)
     assert "distances alone don't tell where the agent is" in describe(path, SCENES["hall"])[-1]
 
 
+@pytest.mark.slow
 def test_tables_of_one_anchor_at_a_time_are_not_said_to_have_right_heights(tmp_path):
     columns, path = simulated_columns("room", 1, steps=BRIEF), tmp_path / "heard.csv"
     for turns, reported in ((False, False), (True, True)):
@@ -253,6 +254,7 @@ def test_where_one_anchor_is_in_sight_an_offset_stands_beside_other_cures_and_no
     assert not any(item.certain for item in found)
 
 
+@pytest.mark.slow
 def test_a_right_table_with_one_anchor_in_sight_is_given_no_offset():
     """Hall, all of it: an offset is tried with more particles, and more find more by themselves."""
     scene = SCENES["hall"]

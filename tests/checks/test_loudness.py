@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from workshop import workshop
 
 import gridslam as gs
 from gridslam.checks import loudness as module
+from gridslam.checks.diagnose import suspicions
 from gridslam.checks.line_of_sight_filter import explain
 from gridslam.checks.loudness import loudness
 
@@ -51,3 +53,17 @@ def test_amplitudes_that_scatter_are_no_decibels(sight):
 def test_a_hint_of_decibels_is_no_certainty(heard, sight, monkeypatch):
     monkeypatch.setattr(module, "CERTAIN", 1e6)
     assert named(20 * np.log10(heard.amplitude) + 20, sight) == [("dB", False)]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_by_distances_alone_reflections_accuse_no_amplitudes(seed):
+    """In a scene without walls they pass for lines of sight: amplitudes seemed powers, 3 to 4 dB off."""
+
+    def accused(columns):
+        found = suspicions(columns, table.anchors, workshop(walls=False), "r2")
+        return [(item.kind, item.certain) for item in found if item.column == "amplitude"]
+
+    table = gs.simulate(workshop(), "r2", seed)
+    columns = {name: values for name, values in table.columns.items() if not name.endswith("_rad")}
+    assert accused(columns) == []
+    assert accused(columns | {"amplitude": columns["amplitude"] ** 2}) == [("power", True)]

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from workshop import workshop
 
 import gridslam as gs
-from gridslam.checks.network_labels import crossed, label_and_clock_lines
+from gridslam.checks.network_labels import label_and_clock_lines
+from gridslam.checks.network_sights import crossed
 from gridslam.checks.network_tables import describe_network
 
 STEPS = 40
@@ -117,3 +119,29 @@ def test_directions_cross_where_they_meet():
     found = crossed(np.array([0, 0, 1, 1, 2]), place, np.arctan2(away[:, 1], away[:, 0]), np.hypot(*away.T))
     np.testing.assert_allclose(found[:2], point[:2], atol=1e-9)
     assert np.isnan(found[2:]).all()  # parallel ones, and one alone
+
+
+@pytest.mark.slow
+def test_reflections_that_fit_another_way_accuse_nobody():
+    """Angles alone follow them through the workshop: labels and distances as they stand fit the right way."""
+    for seed in (1, 3):
+        received = gs.simulate(workshop(), ["r1", "r2"], seed)
+        for scene in (workshop(), workshop(walls=False)):
+            for table in (received, received.without_labels()):
+                assert [x for x in label_and_clock_lines(table, scene) if "suspect" in x] == []
+    late = received.table.distance_m + 6.0 * (received.table.anchor == 1)
+    off = replace(received, table=replace(received.table, distance_m=late))
+    (line,) = [x for x in label_and_clock_lines(off, workshop()) if "suspect" in x]
+    assert line.startswith("suspect: distances of anchor B are off by +6.0")
+
+
+@pytest.mark.slow
+def test_exchanged_labels_are_named_where_angles_alone_follow_reflections():
+    received = gs.simulate(workshop(), ["r1", "r2"], 3)
+
+    def exchange(anchor):
+        own = (received.agent == 1) & (anchor < 2)
+        anchor[own] = 1 - anchor[own]
+
+    lines = label_and_clock_lines(relabelled(received, exchange), workshop())
+    assert lines == ["suspect: labels exchanged for r2: B is the scene's A, A is the scene's B"]

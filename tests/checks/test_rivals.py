@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from check_tables import BRIEF, SCENES, simulated_columns
 
-from gridslam.checks import rivals
+from gridslam.checks import against_scene, rivals
 from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.unit_hypotheses import Suspicion
 
 ROOM = SCENES["room"]
 SENTINEL = rivals.Cure(None, {}, None)
@@ -84,3 +85,20 @@ def test_names_are_exchanged_only_if_that_explains_clearly_more(late, monkeypatc
     cure = rivals.whole_cure(angles, ROOM, "agent1", plain, plain)
     assert (cure is not None) == (evidence > rivals.CERTAIN)
     assert cure is None or cure.suspicion.kind == "names"
+
+
+def test_suspicions_of_which_one_is_meant_say_so(late):
+    """Exchanged names and another start explain the same lines of sight: whoever mends both is off again."""
+    table, sight = late
+    names = Suspicion("anchor", "names", "names exchanged", True, "100%")
+    start = Suspicion("start", "start", "start_m doesn't fit", False, "100%")
+    found, _, _ = against_scene._with_start([names], table, sight, table, (start, sight))
+    assert [str(item) for item in found] == [
+        "anchor: probably names exchanged (100%)",
+        "start: probably this or what stands above of anchor, not both: start_m doesn't fit (100%)",
+    ]
+    flipped = Suspicion("aoa_rad", "flipped", "counted clockwise", False, "100%")
+    plain = explain(table, ROOM, "agent1")
+    first, second = rivals.offset_beside([flipped], table, table, ROOM, "agent1", plain)
+    assert (first.column, second.column) == ("aoa_rad", "distance_m")
+    assert (first.rivals, second.rivals) == ((), ("aoa_rad",))

@@ -110,13 +110,20 @@ def test_later_agents_are_judged_by_the_tracks_of_all_so_far(say, short_room, no
     assert len(own.paths) > 0
 
 
+def test_export_of_a_map_without_free_cells_notes_that_no_planner_can_use_it(say):
+    gs.Map.of_scene(gs.Scene.load("room")).save("blank.h5")
+    result = say("export", "blank.h5", "-o", "robot")
+    none = "no free cells, as of methods that map none or where too little is measured"
+    assert (result.code, result.complaints) == (0, [f"note: blank.h5: {none}: no map for a planner"])
+
+
 @pytest.mark.slow
 def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
     mapped[1].map.save(tmp_path / "map.h5")
     Path("robot").mkdir()
     Path("robot/keep.txt").write_text("x")
     result = say("export", "map.h5", "-o", "robot")
-    assert result.code == 0
+    assert (result.code, result.complaints) == (0, [])
     assert set(os.listdir("robot")) == {
         "keep.txt", "map.yaml", "map.pgm", "reflection.yaml", "reflection.pgm",
         "occupancy.png", "reflection.png", "cells.csv", "surfaces.csv", "surfaces.geojson",

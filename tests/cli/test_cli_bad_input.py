@@ -222,7 +222,10 @@ OPTION_FAULTS = [
     (("run", "room", "--agent", "nobody"), "agent1"),
     (("run", "room", "--agent", "agent1", "--agent", "agent1"), "each agent once"),
     (("run", "room", "--method", "gird"), "grid (nearest known)"),
-    (("run", "room", "--particles", "0"), "filter.particles"),
+    (("run", "room", "--method", "gird"), "; all: grid, adaptive, va, "),
+    (("run", "room", "--particles", "0"), "--particles"),
+    (("run", "heard.csv"), "--measurements heard.csv"),
+    (("export", "nowhere", "-o", "out"), "a run's folder"),
     (("run", "room", "--particles", "many"), "--particles"),
     (("run", "room", "--seed", "-1"), "--seed"),
     (("run", "room", "--threads", "0"), "--threads"),
@@ -248,6 +251,26 @@ def test_scene_without_agents(say, tmp_path):
     (tmp_path / "none.toml").write_text(gs.Scene.checked(data, "none").to_toml())
     for words in (("run", "none.toml"), ("simulate", "none.toml", "-o", "a.csv")):
         refused(say(*words), tmp_path, ["none.toml"], "agents")
+
+
+def test_a_scene_is_called_by_its_file_not_by_the_name_in_it(say, tmp_path):
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    data |= {"name": "lab", "walls": []}
+    for agent in data["agents"]:
+        del agent["waypoints_m"]
+    (tmp_path / "bare.toml").write_text(gs.Scene.checked(data, "bare").to_toml())
+    for words in (
+        ("run", "bare.toml"),
+        ("run", "bare.toml", "--agent", "x"),
+        ("simulate", "bare.toml", "-o", "a.csv"),
+    ):
+        assert say(*words).err.startswith("error: bare.toml: ")
+
+
+def test_a_run_that_is_finished_is_not_gone_on_with(say, tmp_path):
+    (tmp_path / "done").mkdir()
+    (tmp_path / "done" / "run.json").write_text("{}")
+    refused(say("run", "--resume", "done"), tmp_path, listing(tmp_path), "finished")
 
 
 def test_output_that_cannot_be_written_is_refused_before_the_run(say, short_room, tmp_path, monkeypatch):

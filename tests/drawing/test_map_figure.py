@@ -94,6 +94,8 @@ def test_true_walls_lie_under_the_cells_that_cover_them(run):
     order = {item.get_label(): item.get_zorder() for item in axes.collections}
     free, occupied = (image.get_zorder() for image in axes.images)
     assert free < order["true walls"] < occupied < order["surfaces found"]
+    width = {item.get_label(): item.get_linewidth()[0] for item in axes.collections}
+    assert width["true walls"] >= 1.5 * width["surfaces found"], "seen on both sides of what was found"
     assert np.ma.masked_invalid(axes.images[1].get_array()).count() == run.map.occupied.sum()
 
 

@@ -166,6 +166,33 @@ def test_plans_far_away_or_without_end_are_refused(tmp_path):
         plan_of([millimetres], "x", name="x")
 
 
+def test_a_plan_in_another_unit_is_read_by_it_or_told_to_be(say, tmp_path):
+    corners = [[[1000 * x, 1000 * y] for x, y in ROOM]]
+    save(tmp_path / "plan.geojson", feature("Polygon", corners))
+    words = ("scene", "import", "plan.geojson", "-o", "flat.toml", "--anchor", "1,5,-45")
+    code, _, wrong = say(*words)
+    assert (code, wrong.count("\n")) == (2, 1)
+    assert "--unit mm" in wrong
+    code, reported, wrong = say(*words, "--unit", "mm")  # as the error says
+    assert (code, wrong) == (0, "")
+    assert "units: mm, as asked for" in reported
+    np.testing.assert_array_equal(Scene.load(tmp_path / "flat.toml").walls[0].corners, ROOM)
+    for more, says in (
+        (("--unit", "yd"), "--unit: found 'yd'; allowed: m, dm, cm, mm, in, ft"),
+        (("--unit", "mm", "--geographic"), "--unit: found 'mm' with --geographic"),
+        (("--layer", "walls"), "--layer: found 'walls' with plan.geojson"),
+    ):
+        code, _, wrong = say(*words, "--overwrite", *more)
+        assert (code, wrong.count("\n")) == (2, 1)
+        assert says in wrong
+    small = save(tmp_path / "small.geojson", feature("Polygon", [ROOM]))
+    with pytest.raises(InputError, match=r"a plan 0.008 m wide; allowed: metres, another --unit"):
+        geojson.read_walls(small, unit="mm")
+    wide = [Line(((0.0, 0.0), (12_000.0, 0.0), (12_000.0, 9000.0)))]  # farther than any place may be, too
+    with pytest.raises(InputError, match="--unit mm"):
+        plan_of(wide, "x", name="x")
+
+
 def test_the_way_that_is_proposed_leads_ahead_from_the_start():
     text = plan_of([Line(((-1.0, -1.0), (9.0, -1.0)))], "x", name="x", start=(1.0, 2.0, 90.0)).toml()
     assert "# waypoints_m = [[1.0, 3.0]]" in text
@@ -182,10 +209,21 @@ def test_anchor_far_outside_the_walls_is_said(say, tmp_path):
     assert "note: anchor A at 90, 5.2 m stands 82.0 m outside the walls" in reported
 
 
+def test_an_angle_that_nobody_told_is_said_to_be_0(say, tmp_path):
+    save(tmp_path / "plan.geojson", feature("Polygon", [ROOM]))
+    words = ("scene", "import", "plan.geojson", "-o", "flat.toml", "--overwrite", "--anchor", "1,5,90")
+    assert "note" not in say(*words, "--start", "4,3,0")[1]
+    said = say(*words, "--anchor", "7,1", "--start", "4,3")[1]
+    assert [line for line in said.splitlines() if line.startswith("note: ")] == [
+        "note: --anchor 7,1: no angle told, so 0 degrees: it faces along x",
+        "note: --start 4,3: no angle told, so 0 degrees: it faces along x",
+    ]
+
+
 @pytest.mark.slow
 def test_import_command(say, tmp_path):
     save(tmp_path / "plan.geojson", feature("Polygon", [ROOM], material="wall"))
-    words = ("scene", "import", "plan.geojson", "-o", "hall.toml", "--anchor=-0.5,1,0", "--anchor", "7,5")
+    words = ("scene", "import", "plan.geojson", "-o", "hall.toml", "--anchor=-0.5,1,0", "--anchor", "7,5,180")
     code, reported, wrong = say(*words, "--start", "4,3,90", "--material", "wall=concrete", "--cell", "0.2")
     assert (code, wrong) == (0, "")
     assert "concrete: 1 wall, 0.7 (assumed for this material)" in reported

@@ -88,6 +88,7 @@ def test_steps_of_adam_are_those_of_the_covariance_of_all_samples(seed, known):
         np.testing.assert_array_equal(found[:known], one.features[:known])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", range(3))
 def test_many_steps_of_adam_are_those_of_the_twin(kind):
     # one strong feature, 5 cm and half its power off, by small steps: slopes change, and so do their means

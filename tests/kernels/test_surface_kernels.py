@@ -223,7 +223,17 @@ def test_ghosts_equal_their_twin(seed, surfaces, clocks):
         existence[ghost] = draw.choice([0.5, 0.99])
     ghosts = np.full(surfaces, -1, np.int32)
     age = draw.choice([0.0, 20.0, 60.0], surfaces)
-    into = mean, covariance, 5 + clocks, existence, seen.astype(np.int64), age, single, places
+    into = (
+        mean,
+        covariance,
+        5 + clocks,
+        existence,
+        seen.astype(np.int64),
+        age,
+        single,
+        places,
+        draw.choice([0.0, 2.0]),
+    )
     find_ghosts(*into, ghosts)
     np.testing.assert_array_equal(ghosts, reference.find_ghosts(*into))
 

@@ -148,6 +148,14 @@ def test_csv_fault_is_told_with_its_line(tmp_path, text, where, says):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["robot", "tag", "tag_id", "Device", "device_id", "node", "node_id"])
+def test_a_column_of_devices_is_answered_with_agent(tmp_path, name):
+    path = tmp_path / "a.csv"
+    path.write_text(f"{HEADER},{name}\n{ROW},r1\n")
+    with pytest.warns(Note, match=rf"column {name} not used \(agent, a name of the scene's \[\[agents\]\]"):
+        assert len(Measurements.from_csv(path, ["A", "B"]).step) == 1
+
+
 @pytest.mark.parametrize(
     ("name", "way"),
     [

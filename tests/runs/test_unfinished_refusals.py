@@ -50,7 +50,7 @@ def test_unfinished_run_is_neither_replaced_unasked_nor_swept(tiny, monkeypatch)
     assert (result.code, result.complaints) == (0, ["note: the unfinished run into out is overwritten"])
     assert here() == ["other", "out", "tiny.toml"]
     same_runs("other", "out")
-    assert "no unfinished run" in refused(tiny, "run", "--resume", "out")
+    assert "a finished run" in refused(tiny, "run", "--resume", "out")
 
 
 def test_run_that_is_at_work_is_not_resumed(tiny, monkeypatch):

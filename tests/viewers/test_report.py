@@ -12,6 +12,7 @@ from shutil import which
 import numpy as np
 import pytest
 from map_samples import surfaces
+from matplotlib.figure import Figure
 from PIL import Image
 
 import gridslam as gs
@@ -21,7 +22,7 @@ from gridslam.importers.geojson import write_surfaces
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import read_run, write_run
 from gridslam.viewers.animation import animate, film_ending
-from gridslam.viewers.plots import draw_errors, draw_rays
+from gridslam.viewers.plots import _count_surfaces, draw_errors, draw_rays
 from gridslam.viewers.report import surface_table, write_report
 
 STEPS = 5
@@ -225,6 +226,7 @@ def test_surfaces_without_a_wall_of_some_length_are_explained():
     assert "<p>" not in surface_table(replace(grid, surfaces=surfaces([(0.0, 1.0)])))
 
 
+@pytest.mark.slow
 def test_a_report_made_again_replaces_the_earlier_one_and_no_other_page(run_folder):
     page = write_report(run_folder, moving=False)
     first = page.read_bytes()
@@ -252,3 +254,7 @@ def test_the_panel_of_surfaces_says_what_its_line_is_with_and_without_a_truth(ru
     axes = draw_errors(run.scene, "agent1", run.agents["agent1"]).axes[-1]
     assert axes.get_ylabel() == "surfaces"
     assert axes.get_legend().get_texts()[0].get_text() == "detected"
+    _, curved = Figure().subplots(2)
+    _count_surfaces(curved, run.agents["agent1"], [1] * STEPS, True)
+    labels = [line.get_label() for line in curved.get_lines()]
+    assert labels == ["detected (curved walls: each piece)", "true, hit so far (curved walls once)"]

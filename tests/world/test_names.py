@@ -117,6 +117,7 @@ def test_everything_in_a_runs_folder_is_no_name_for_an_agent(say, no_figures):
         assert "bad.toml: agents[0].name" in result.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outside", ["../evil", "absolute"])
 def test_agent_in_run_json_leads_nowhere_else(say, tmp_path, monkeypatch, outside):
     """A folder outside that has all files of an agent would be read, and a film written beside it."""

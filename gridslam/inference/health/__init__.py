@@ -45,7 +45,8 @@ reason              said when                                   by              
 `OFF_GRID`          the agent is outside the scene's region     `management.hypotheses`          section 14
 `ASTRAY`            an agent of a network is lost, or was       `systems.network`                section 13
                     found again up to 4 steps ago
-`offset`, `height`  lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
+`offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
+`shifted`
 ==================  ==========================================  ===============================  ============
 
 `monitor` (measured paths) and `signal_watch` (samples) judge one state by how measurements fitted it. `doubt`

@@ -8,7 +8,7 @@ from itertools import accumulate
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.health.range_watch import Crossing
+from gridslam.inference.health.range_fits import Crossing, errors_of
 from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, level_of, unit, wrap
@@ -53,8 +53,10 @@ def crossing_of(scans: Sequence[AnchorScan], deviations: Array, model: FilterMod
     aside = level * np.hypot(std[:, 1:2], SLACK[1]) + 1e-3
     precision = (toward[:, :, None] * toward[:, None]) / along[..., None] ** 2
     precision += (across[:, :, None] * across[:, None]) / aside[..., None] ** 2
-    slope, n = np.zeros((len(anchor), 2, 2 * model.senders + 1)), np.arange(len(anchor))
+    slope, n = np.zeros((len(anchor), 2, errors_of(model.senders))), np.arange(len(anchor))
     slope[n, :, anchor], slope[n, :, model.senders + anchor] = toward / steep, level * across
+    for axis in (0, 1):
+        slope[n, axis, 2 * (model.senders + anchor) + axis] = -1.0
     if not model.anchor_heights.any():
         slope[..., -1] = toward / (2 * distance[:, None])
     return Crossing(model.places[anchor, :2] + level * toward, precision, slope)

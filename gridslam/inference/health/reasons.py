@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from gridslam.arrays import Array
 from gridslam.world.radio import SPEED_OF_LIGHT
 
 NOT_FOUND = "start not found yet"
 UNPROVEN = "start not sure yet: there were more places than could be followed"
 TURNABLE = "nothing tells by how much all is turned about the one anchor"
 MIRRORED = "a mirrored place may fit as well: no other anchor has been in sight since both did"
+ONE_ELSEWHERE = "one anchor stands elsewhere than the scene says"
 OFF_GRID = "the agent has left the grid"
 ASTRAY = "what it hears isn't used for what all agents share"
 
@@ -96,6 +100,13 @@ def offset(whose: str, size_m: float) -> str:
     """Error of all distances of an anchor, or of all anchors."""
     long, time_ns = "long" if size_m > 0 else "short", abs(size_m) / SPEED_OF_LIGHT * 1e9
     return f"distances of {whose} seem {abs(size_m):.2f} m ({time_ns:.1f} ns) too {long}"
+
+
+def shifted(names: Sequence[str], places: Sequence[Array]) -> str:
+    """Anchors, one of which stands elsewhere than the scene says, and where it would have to."""
+    both = zip(names, places, strict=True)
+    each = (f"anchor {name} stands near ({x:.1f}, {y:.1f})" for name, (x, y) in both)
+    return f"{', or '.join(each)}, not where the scene says"
 
 
 def height(size_m: float) -> str:

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.health.doubt import Doubt
 from gridslam.inference.health.monitor import SILENT
@@ -156,8 +155,7 @@ def challenged(
         return population
     scans, stream = work.once(split_by_anchor, scan, model), [work.seed, state.step, PURPOSE]
     alone = snapshot_of(scans, state, model)
-    with runtime.one_blas_thread():
-        modes = find_modes(alone, anywhere(state, model), model.grid, LISTED, stream, POSES)
+    modes = find_modes(alone, anywhere(state, model), model.grid, LISTED, stream, POSES)
     if population.watch.unproven and modes.complete and near(modes.pose, state.belief.mean[POSE]).all():
         population = replace(population, watch=population.watch.proven())  # nothing fits elsewhere
     velocity = float(model.start_variance[2])
@@ -168,8 +166,7 @@ def challenged(
     rivals = branches_of(blank, leading(modes, alone, population), velocity)
     if len(state.surfaces):
         mapped = snapshot_of(scans, state, model, known_sources(state, model, work=work))
-        with runtime.one_blas_thread():
-            modes = find_modes(mapped, anywhere(state, model), model.grid, LISTED, stream, POSES_BY_MAP)
+        modes = find_modes(mapped, anywhere(state, model), model.grid, LISTED, stream, POSES_BY_MAP)
         rivals += branches_of(state, leading(modes, mapped, population), velocity)
     states = [*population.states, *rivals]
     here = together(states)[len(population) :, : len(population)].any(1)

@@ -4,7 +4,8 @@ A double bounce has the virtual anchor of a single bounce at some other line. He
 it bears a surface there, which lives on beside them: once they explain what is heard, its silence is laid
 to an obstacle. So a surface yields to a pair of surer ones that makes the same virtual anchor and was seen
 more often: in all, or, where samples tell faint paths from none, and the surface is silent and older than one
-of the pair, in ratio to their ages. (Peaks don't: true walls of `hall` out of sight would go.)
+of the pair, in ratio to their ages. (Peaks don't: true walls of `hall` out of sight would go.) Without
+departures both predict the very same, and share what is heard: how often doesn't count then.
 
 Owner of the kernel that finds them.
 """
@@ -21,7 +22,7 @@ from gridslam.kernels import OFTENER, REPLACES, SEEN_ELSEWHERE
 
 
 def drop_ghosts(
-    bank: SurfaceBank, belief: Belief, places: Array, by_ratio: bool = False
+    bank: SurfaceBank, belief: Belief, places: Array, by_ratio: bool = False, departs: bool = True
 ) -> tuple[SurfaceBank, Belief]:
     """Drop the surfaces that are ghosts of double bounces over surer surfaces.
 
@@ -31,6 +32,8 @@ def drop_ghosts(
         The anchors; of the bank's rays, the first J are theirs.
     by_ratio : bool
         Whether sightings in ratio to ages count, too.
+    departs : bool
+        Whether departures tell double bounces from others.
     """
     runtime.start()
     from gridslam.kernels.management.merging import find_ghosts
@@ -42,11 +45,14 @@ def drop_ghosts(
         return bank, belief  # no two that were seen often
     head, single = belief.layout.head, bank.single[: len(places)]
     by_ratio = by_ratio and bool(single.max(0).min() < SEEN_ELSEWHERE)
-    if often[-2] <= OFTENER * often[0] and not by_ratio:
+    least = float(OFTENER) if departs else 0.0
+    if often[-2] <= least * often[0] and not by_ratio:
         return bank, belief  # none that was seen much less often, and none that is silent
     ghost = np.empty(len(bank), np.int32)
     age = bank.age if by_ratio else np.zeros(len(bank))
-    find_ghosts(belief.mean, belief.covariance, head, bank.existence, bank.seen, age, single, places, ghost)
+    find_ghosts(
+        belief.mean, belief.covariance, head, bank.existence, bank.seen, age, single, places, least, ghost
+    )  # fmt: skip
     if not ghost.any():
         return bank, belief
     return bank.take(ghost == 0), keep(belief, ghost == 0)

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam import runtime
 from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.doubt import Doubt, places
@@ -112,9 +111,8 @@ def _search(
     if not len(scan):
         return None, prior
     scans = work.once(split_by_anchor, scan, model)
-    with runtime.one_blas_thread():
-        stream = [work.seed, prior.step, PURPOSE]
-        return find_modes(snapshot_of(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
+    stream = [work.seed, prior.step, PURPOSE]
+    return find_modes(snapshot_of(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
 
 
 def _started(state: State, modes: Modes, model: FilterModel) -> Population[State]:
@@ -144,9 +142,8 @@ def _listed(
     prior = predict(state, scan.time_s, len(scan), model)
     known = known_sources(prior, model, work=work)
     stream = [work.seed, state.step, PURPOSE]
-    with runtime.one_blas_thread():
-        snapshot = snapshot_of(scans, prior, model, known)
-        modes = find_modes(snapshot, prior.belief, model.grid, CAP - 1, stream, POSES_BY_MAP)
+    snapshot = snapshot_of(scans, prior, model, known)
+    modes = find_modes(snapshot, prior.belief, model.grid, CAP - 1, stream, POSES_BY_MAP)
     if not modes.complete:
         return population
     states = [

@@ -169,7 +169,7 @@ def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
 
 def merge_and_prune(
     state: State, model: FilterModel, most: int | None = MOST_SURFACES, by_ratio: bool = False,
-    exchanges: Sequence[Exchange] = (),
+    exchanges: Sequence[Exchange] = (), departs: bool = True,
 ) -> State:  # fmt: skip
     """Merge duplicates, drop ghosts and the unlikely.
 
@@ -181,11 +181,14 @@ def merge_and_prune(
         How ghosts are told: see `drop_ghosts`.
     exchanges : sequence of Exchange
         Of the step's anchors, if surfaces that they show to be two aren't to be merged.
+    departs : bool
+        Whether the step told departures; that those before did is known of the state.
     """
     apart = partial(known_apart, state.surfaces, exchanges)
     bank, belief = merge(state.surfaces, state.belief, apart)
     if model.max_bounces > 1:
-        bank, belief = drop_ghosts(bank, belief, model.anchor_positions[: model.senders], by_ratio)
+        departs = departs or state.calibration.turns_told
+        bank, belief = drop_ghosts(bank, belief, model.anchor_positions[: model.senders], by_ratio, departs)
     before = bank
     bank, belief = prune(bank, belief, model.settings.prune_below, most)
     monitor = state.monitor

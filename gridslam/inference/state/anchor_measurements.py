@@ -117,6 +117,11 @@ class SplitScan(Sequence[AnchorScan]):
     def __len__(self) -> int:
         return len(self.each)
 
+    @cached_property
+    def departs(self) -> bool:
+        """Whether a direction of departure was measured."""
+        return bool((self.whole.table[:, 4] >= 0).any())
+
     def __iter__(self) -> Iterator[AnchorScan]:
         return iter(self.each)
 

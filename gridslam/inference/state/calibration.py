@@ -82,6 +82,11 @@ class Calibration:
         angles = [t / w if abs(t) > BEYOND_DOUBT * math.sqrt(w) else 0.0 for t, w in sums]
         return np.array(angles) if any(angles) else _unturned(len(angles))
 
+    @property
+    def turns_told(self) -> bool:
+        """Whether departures of lines of sight have told how anchors are turned, however little."""
+        return bool(self.turn_weight.max() > TURN_STD**-2)
+
     def estimate(self, anchor: int, stated: float) -> float:
         """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the scene's level."""
         mean = (TRUST * stated + float(self.clutter[anchor])) / (TRUST + float(self.listened[anchor]))

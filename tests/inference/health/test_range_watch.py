@@ -9,7 +9,8 @@ from scene_samples import raised
 
 import gridslam as gs
 from gridslam.inference.health.crossings import crossing_of
-from gridslam.inference.health.range_watch import Crossing, RangeWatch
+from gridslam.inference.health.range_fits import Crossing, errors_of, shift_of
+from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
 
 ROOM = gs.Scene.load("room")
@@ -44,6 +45,7 @@ def looked(scene, measurements):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "metres", "anchor", "words"),
     [
@@ -65,18 +67,45 @@ def test_nothing_is_said_of_right_distances(name):
     assert not any(watched(scene, gs.simulate(scene, "agent1", 22)))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "shift"), [(31, (0.6, -0.5)), (32, (-0.9, 0.2)), (33, (0.1, 1.1))])
+def test_an_anchor_of_three_that_stands_elsewhere_is_named_with_its_place(seed, shift):
+    scene = gs.Scene.load("canyon")
+    anchors = list(scene.anchors)
+    true = np.array(anchors[1].position_m)
+    anchors[1] = anchors[1].model_copy(update={"position_m": tuple(true - shift)})
+    told = scene.model_copy(update={"anchors": tuple(anchors)})
+    doubt = watched(told, gs.simulate(scene, "agent1", seed))[-1]
+    found = re.search(r"anchor B stands near \((-?[\d.]+), (-?[\d.]+)\)", doubt)
+    assert found, doubt
+    np.testing.assert_allclose([float(found[1]), float(found[2])], true, atol=0.3)
+
+
+def test_of_two_anchors_either_may_be_the_one_that_stands_elsewhere():
+    anchors = list(ROOM.anchors)
+    true = np.array([anchor.position_m for anchor in anchors])
+    anchors[0] = anchors[0].model_copy(update={"position_m": (true[0][0] + 0.7, true[0][1] - 0.7)})
+    told = ROOM.model_copy(update={"anchors": tuple(anchors)})
+    doubt = watched(told, gs.simulate(ROOM, "agent1", 34))[-1]
+    places = re.findall(r"anchor (\w) stands near \((-?[\d.]+), (-?[\d.]+)\)", doubt)
+    assert sorted(name for name, _, _ in places) == ["A", "B"], doubt
+    found = {name: np.array([float(x), float(y)]) for name, x, y in places}
+    np.testing.assert_allclose(found["A"], true[0], atol=0.2)
+    np.testing.assert_allclose(found["B"] - true[1], [0.7, -0.7], atol=0.2)
+
+
 def test_one_stray_line_of_sight_of_an_anchor_is_no_offset():
     """Clutter whose heading happens to agree once, of an anchor that is never in sight otherwise."""
-    slope = np.zeros((2, 2, 7))
+    slope = np.zeros((2, 2, errors_of(3)))
     slope[0, :, 0], slope[1, :, 1] = [1, 0], [0, 1]
-    stray = np.zeros((2, 2, 7))
+    stray = np.zeros((2, 2, errors_of(3)))
     stray[0, :, 0], stray[1, :, 2] = [1, 0], [0, 1]
     model = gs.Scene.load("canyon").filter_model("agent1")
     assert model.senders == 3
     firm, watch = np.tile(400 * np.eye(2), (2, 1, 1)), RangeWatch.start(3)
     for step in range(30):
         if step == 2:
-            watch = watch.crossed(Crossing(np.array([[0.0, 0.0], [0.0, 9.0]]), firm, stray), model)
+            watch = watch.crossed(Crossing(np.array([[0.0, 0.0], [0.0, 4.0]]), firm, stray), model)
         watch = watch.crossed(Crossing(np.zeros((2, 2)), firm, slope), model)
     assert watch.looks == (31, 30, 1)
     assert not watch.doubt
@@ -94,8 +123,8 @@ def test_places_cross_at_the_agent_and_move_as_the_slopes_say():
     scene, pose = ROOM, np.array([0.4, -1.1, 0.7])
     model = scene.filter_model("agent1")
 
-    def crossing(longer=0.0, turn=0.0):
-        away = pose[:2] - model.anchor_positions
+    def crossing(longer=0.0, turn=0.0, moved=0.0):
+        away = pose[:2] - model.anchor_positions - np.array([[0.0, moved], [0.0, 0.0]])
         heading = np.arctan2(away[:, 1], away[:, 0])
         aod = heading - model.anchor_orientations - np.array([0.0, turn])
         scan = gs.Scan(
@@ -111,6 +140,9 @@ def test_places_cross_at_the_agent_and_move_as_the_slopes_say():
     )
     np.testing.assert_allclose(
         crossing(turn=-1e-4).place - exact.place, 1e-4 * exact.slope[..., 3], atol=1e-7
+    )
+    np.testing.assert_allclose(
+        crossing(moved=1e-4).place - exact.place, 1e-4 * exact.slope[..., shift_of(0, 2)[1]], atol=1e-7
     )
     watch = RangeWatch.start(2).crossed(exact, model)
     assert (watch.count, watch.steps) == (2, 1)

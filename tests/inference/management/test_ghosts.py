@@ -1,11 +1,15 @@
 """Ghosts of double bounces yield to the walls that made them; walls don't."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scene_samples import short
 
-from gridslam.inference.management import ghosts
+import gridslam as gs
+from gridslam.inference.management import ghosts, merging
 from gridslam.inference.state.belief import Belief, append
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.geometry import line_between, mirror
@@ -60,6 +64,29 @@ def test_a_wall_seen_as_often_as_others_stays():
     bank, belief = world(image_of_corner(PLACES[0]))
     bank.seen[2] = 30
     assert len(ghosts.drop_ghosts(bank, belief, PLACES)[0]) == 3
+
+
+def test_without_departures_a_ghost_goes_that_is_seen_as_often_as_its_walls():
+    """Both predict the very same distance and arrival, and share what is heard."""
+    bank, belief = world(image_of_corner(PLACES[0]))
+    bank.seen[2] = 30
+    assert ghosts.drop_ghosts(bank, belief, PLACES, departs=False)[0].identity.tolist() == [0, 1]
+    heard, where = world(image_of_corner(PLACES[0]), elsewhere=0.9)
+    assert len(ghosts.drop_ghosts(heard, where, PLACES, departs=False)[0]) == 3
+
+
+def test_departures_once_told_count_at_steps_without_any(monkeypatch):
+    asked, scene = [], short("room", 6, 256)
+    table = gs.simulate(scene, "agent1", 3)
+    blank = replace(table, aod_rad=np.where(table.step < 3, table.aod_rad, np.nan))
+    real = merging.drop_ghosts
+    monkeypatch.setattr(merging, "drop_ghosts", lambda *a: (asked.append(a[-1]), real(*a))[1])
+    for told, want in ((blank, [True] * 6), (replace(table, aod_rad=np.nan * table.aod_rad), [False] * 6)):
+        slam = gs.GridSlam(scene, seed=1)
+        asked.clear()
+        for step in range(6):
+            slam.step(told.scan(step))
+        assert asked == want
 
 
 def test_a_silent_ghost_goes_that_was_heard_for_long_before_its_walls_were_known():

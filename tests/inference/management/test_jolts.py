@@ -117,6 +117,7 @@ def test_a_robot_on_sharp_bends_is_followed_and_health_is_well(robot, sharp_bend
     assert max(sharp[2:]) == 0
 
 
+@pytest.mark.slow
 def test_an_agent_that_moves_as_told_takes_no_step_again(monkeypatch):
     scene, taken = short("room", 60, particles=256), []
     monkeypatch.setattr(jolts.Jolt, "allowed", lambda self, model: taken.append(self) or model)

@@ -83,6 +83,7 @@ def test_what_another_agent_left_stays():
     np.testing.assert_allclose(moved.surfaces.extent, [[end, 3.0]], atol=1e-6)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
 def test_single_and_double_bounces_hit_where_they_are_drawn(seed):

@@ -107,6 +107,7 @@ def test_an_image_at_its_anchor_goes(model):
     assert forbid_own_place(state, model).images.identity.tolist() == [1]
 
 
+@pytest.mark.slow
 def test_the_line_of_sight_is_reclaimed_from_what_stands_in_its_place(model):
     agent, anchor = model.start_mean[:2], model.anchor_positions[0]
     far = np.linalg.norm(agent - anchor)

@@ -188,6 +188,7 @@ def test_a_hidden_line_of_sight_is_noticed_and_one_that_comes_back_too():
         assert (one.existence[0] > 0.5) == expected
 
 
+@pytest.mark.slow
 def test_powers_and_noise_go_to_what_is_received():
     model, draw = signal_model(), np.random.default_rng(7)
     one = replace(belief(spread=0.01, power=np.array([400.0, 8000.0, 1200.0])), noise=np.array([3.0]))

@@ -74,6 +74,7 @@ def test_features_that_do_not_foretell_the_last_steps_are_refused():
     assert found.joint is state.joint
 
 
+@pytest.mark.slow
 def test_features_that_are_never_loud_are_kept_if_they_are_surely_there():
     state, _ = state_after([], [], 0)
     joint = state.joint
@@ -131,6 +132,7 @@ def test_a_feature_that_explains_nothing_costs_its_price():
     assert scores[0] - scores[1] == pytest.approx(LEAST_GAIN, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_rival_that_falls_far_behind_is_given_up_and_one_that_keeps_up_is_not():
     state, model = state_after([MIRROR], [1500.0], 3)
     lesson, (segment, before) = lesson_of(state, model), (state.segment, state.before)
@@ -151,6 +153,7 @@ def test_a_rival_that_falls_far_behind_is_given_up_and_one_that_keeps_up_is_not(
     np.testing.assert_array_equal(again.track, right.track)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [START_STEPS, START_STEPS + 1])
 def test_a_short_track_does_not_tell_that_an_image_is_one(steps):
     state, model = state_after([MIRROR], [1500.0], 5)
@@ -220,6 +223,7 @@ def crowd_with(place, power, existence=0.99, extent=CROWD_EXTENT_M):
     return lesson_of(state, model), replace(joint, extent=extent, existence=np.array([existence]))
 
 
+@pytest.mark.slow
 def test_a_line_of_sight_says_where_a_crowd_is_unless_a_feature_is_as_loud_and_near():
     reach = REACH * crowd_with(MIRROR, 1.0)[0].drift_m
     near, far = LOS + np.outer([0.9 * reach, 1.1 * reach], [1.0, 0.0, 0.0])
@@ -237,6 +241,7 @@ def test_a_line_of_sight_says_where_a_crowd_is_unless_a_feature_is_as_loud_and_n
         assert short.placed(joint) is (existence > 0.5), "so short a track doesn't tell"
 
 
+@pytest.mark.slow
 def test_in_a_crowd_a_set_that_sees_its_line_of_sight_is_preferred_within_the_scatter_of_scores():
     lesson, joint = crowd_with(MIRROR, 1.0)
     state, _ = state_after([], [], 1)
@@ -297,6 +302,7 @@ def given_up(earlier, later, cost, others_cost, monkeypatch):
     return asked[0][0] if len(asked[0]) else None
 
 
+@pytest.mark.slow
 def test_a_richer_set_has_until_the_end_to_earn_what_its_features_cost(monkeypatch):
     assert given_up(0.0, 0.0, 5 * HOPELESS, 0.0, monkeypatch) is None
     assert given_up(-0.9 * HOPELESS / 5, 0.0, 5 * HOPELESS, 0.0, monkeypatch) is None
@@ -304,6 +310,7 @@ def test_a_richer_set_has_until_the_end_to_earn_what_its_features_cost(monkeypat
     assert given_up(-1.1 * HOPELESS / 5, 0.0, 0.0, HOPELESS, monkeypatch) is None, "what it saves counts"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("crowd", "gain", "placed", "moves"),
     [
@@ -329,6 +336,7 @@ def test_a_crowd_is_shifted_as_a_whole_for_much_evidence_or_a_line_of_sight(
     assert (lesson.best([found], [state.segment], PRICES[0]) is moved) == moves
 
 
+@pytest.mark.slow
 def test_features_of_the_first_step_have_the_extent_of_a_crowd_where_ten_steps_show_one(monkeypatch):
     state, model = state_after([], [], 0)
     plain = lesson_of(state, model).judge(state.before, state.segment)

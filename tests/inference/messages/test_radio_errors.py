@@ -33,6 +33,7 @@ def world(steps, seed=0, element=None):
     return Known(np.array(samples), np.array(pose), PATHS), wave
 
 
+@pytest.mark.slow
 def test_a_wrong_element_of_a_twentieth_of_a_wavelength_is_found():
     error = np.zeros((4, 2))
     error[2] = np.array([0.04, -0.03]) * WAVELENGTH

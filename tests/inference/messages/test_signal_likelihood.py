@@ -113,6 +113,7 @@ def test_overlap_costs_what_it_costs(gap, turn, kept, correlation):
         assert both[0, 1] / both[0, 0] == pytest.approx(correlation, abs=0.01)
 
 
+@pytest.mark.slow
 def test_score_has_the_covariance_that_the_information_says():
     """Over noise and amplitudes, at 30 dB: E[gradient gradient^T] = E[Lambda]."""
     rng, distance, weight = np.random.default_rng(5), np.array([5.0, 5.6]), np.full(2, 1e3)
@@ -128,6 +129,7 @@ def test_score_has_the_covariance_that_the_information_says():
     assert np.abs(np.mean(scores, 0)).max() < 4 * np.sqrt(expected[0, 0] / 1500)
 
 
+@pytest.mark.slow
 def test_broadening_is_the_mean_over_a_spread_of_distance():
     rng = np.random.default_rng(2)
     wave = SHAPED.response(5 + 0.2 * rng.normal(size=20_000))
@@ -199,6 +201,7 @@ def test_noise_does_not_make_a_path_likelier():
     assert ratio.mean() == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_samples_and_noise_estimate_have_their_distributions():
     squares, ratios = [], []
     for seed in range(300):

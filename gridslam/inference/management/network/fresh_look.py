@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.health.fresh_look import BEYOND_ONE
 from gridslam.inference.health.monitor import HealthMonitor
@@ -97,13 +96,12 @@ def _looked(
     def likelihood(poses: Array) -> Array:
         return log_likelihood(poses, beacons, heard, table, radio)
 
-    with runtime.one_blas_thread():
-        asked = sighted_poses(beacons, heard, radio, draw)
-        asked = asked[model.grid.holds(asked[:, :2])]
-        fix = best_pose(part.belief, part.belief, asked, likelihood, len(beacons) * len(heard), draw)
-        if fix is None:
-            return None
-        nats = float(likelihood(fix.pose[None])[0])
+    asked = sighted_poses(beacons, heard, radio, draw)
+    asked = asked[model.grid.holds(asked[:, :2])]
+    fix = best_pose(part.belief, part.belief, asked, likelihood, len(beacons) * len(heard), draw)
+    if fix is None:
+        return None
+    nats = float(likelihood(fix.pose[None])[0])
     gap = fix.pose - part.belief.mean[POSE]
     gap[2] = wrap(gap[2])
     own = part.belief.covariance[np.ix_(POSE, POSE)] + fix.covariance + FLOOR

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.health.monitor import MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import (
@@ -135,14 +134,13 @@ def _recovered(
         belief = freed(belief, elapsed, model.settings.acceleration_mps2)
     radio = part.calibration.tuned(model.radio, 0)
     table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, PURPOSE])
-    with runtime.one_blas_thread():
-        asked = proposed_poses(beacons, anchor_scan, radio, draw)
-        asked = asked[model.grid.holds(asked[:, :2])]
-        fix = best_pose(
-            belief, part.belief, asked,
-            lambda poses: log_likelihood(poses, beacons, anchor_scan, table, radio),
-            len(beacons) * len(anchor_scan), draw,
-        )  # fmt: skip
+    asked = proposed_poses(beacons, anchor_scan, radio, draw)
+    asked = asked[model.grid.holds(asked[:, :2])]
+    fix = best_pose(
+        belief, part.belief, asked,
+        lambda poses: log_likelihood(poses, beacons, anchor_scan, table, radio),
+        len(beacons) * len(anchor_scan), draw,
+    )  # fmt: skip
     if fix is None or not fix.clear or not (fix.better or not lost):
         return state.recorded(agent, unfound)
     state = state.recorded(agent, part.monitor.found_again() if lost else part.monitor)

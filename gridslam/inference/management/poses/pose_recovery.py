@@ -60,12 +60,11 @@ def recover_pose(
         elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
         belief = freed(belief, elapsed, model.settings.acceleration_mps2)
     state = replace(state, monitor=replace(state.monitor, crowd=crowd(scans)))
-    with runtime.one_blas_thread():
-        fix = find_pose(
-            belief, state.belief, images, scans, detection_table(model.radio),
-            state.calibration.tuned(model.radio, 0), [work.seed, state.step, len(scans), PURPOSE],
-            model.grid,
-        )  # fmt: skip
+    fix = find_pose(
+        belief, state.belief, images, scans, detection_table(model.radio),
+        state.calibration.tuned(model.radio, 0), [work.seed, state.step, len(scans), PURPOSE],
+        model.grid,
+    )  # fmt: skip
     if fix is None or not fix.clear or not (fix.better or not lost):
         return replace(state, monitor=state.monitor.still_lost()) if lost else state
     monitor = state.monitor.found_again() if lost else state.monitor

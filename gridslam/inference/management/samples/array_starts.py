@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam import runtime
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import CAP
 from gridslam.inference.management.poses.pose_recovery import is_vague
@@ -68,8 +67,7 @@ def _found(prior: State, scan: SignalScan, model: SignalModel, work: Workspace) 
         _terms(prior, anchor, scan, model, work) for anchor in np.flatnonzero(scan.heard).tolist()
     ))  # fmt: skip
     stream = [work.seed, prior.step, PURPOSE]
-    with runtime.one_blas_thread():
-        modes = find_modes(snapshot, prior.belief, model.grid, CAP, stream)
+    modes = find_modes(snapshot, prior.belief, model.grid, CAP, stream)
     if not is_clear(modes):
         return None
     return branches_of(prior, modes, float(model.start_variance[2]))[0]

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.health.reasons import NOT_FOUND, several_places
 from gridslam.inference.management.mixture import SLACK, TOGETHER
@@ -54,8 +53,7 @@ def advance(
     """One step of all hypotheses: these, what happened in the likeliest, and what is amiss with the start."""
     band = band_of(model.waveform)
     if population.searching and scan.heard.any():
-        with runtime.one_blas_thread():
-            population = _started(population.best, scan, model, band)
+        population = _started(population.best, scan, model, band)
     stepped = [step(state, scan, model) for state in population.states]
     states, infos = tuple(state for state, _ in stepped), [info for _, info in stepped]
     if population.searching:

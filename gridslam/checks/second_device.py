@@ -1,0 +1,84 @@
+"""Whether a table of one agent holds the rows of another device, too: lines of sight that nobody has claimed.
+
+Reflections of the agent's own rows look like a device behind the walls. They are fainter, mostly out of the
+region that is mapped, and seldom the same for all anchors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.start_search import proposed_starts
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
+from gridslam.world.columns import Columns
+from gridslam.world.scene import Scene
+
+CLAIMED, SURE = 0.5, 0.7
+"""Probability from which on a row is the agent's own line of sight, and from which on it tells the level."""
+LEAST, INSIDE = 0.7, 0.9
+"""Share of scans that must hold a line of sight of the second device, of the same of each of two anchors, and
+share of steps at which it must be in the scene's grid. Right tables have up to 0.67 and 0.37 of them."""
+FEWEST = 30
+"""Scans that must be judged."""
+FAINTER_DB = 2.0
+"""How much fainter a device may be than the other; two bounces take 3 dB at least, but of metal."""
+APART_M = 0.5
+"""How far from the agent a second device is one."""
+
+
+def second_device(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> list[Suspicion]:
+    """A second device in a table whose rows fit the scene, as one suspicion; or none.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        What the lines of sight of the table explain as it stands.
+    """
+    # mirrored by a wall, the agent has every angle but that of arrival
+    if agent is None or not all(len(finite(table, name)) for name in ("distance_m", *ANGLES)):
+        return []
+    if len(np.unique(table["anchor"])) < 2 or sight.scans < FEWEST:
+        return []
+    left = np.ones(len(table["step"]), bool)
+    left[sight.row[sight.probability > CLAIMED]] = False
+    rest: Columns = {name: values[left] for name, values in table.items()}
+    starts = proposed_starts(rest, scene, agent)
+    if not len(starts):
+        return []
+    other = explain(rest, scene, agent, starts=starts)
+    agreeing = np.nan_to_num(other.shares) >= LEAST
+    if other.explained < LEAST or agreeing.sum() < 2 or other.scans < FEWEST:
+        return []
+    together = min(len(sight.position_m), len(other.position_m))
+    gap = np.linalg.norm(sight.position_m[:together] - other.position_m[:together], axis=1)
+    if np.median(gap) < APART_M or _inside(other.position_m, scene) < INSIDE:
+        return []
+    if _level_db(rest, other) < _level_db(table, sight) - FAINTER_DB:
+        return []
+    x, y = other.position_m[0]
+    reason = (
+        f"without the lines of sight of {agent}, {other.explained:.0%} of {other.judged} hold one of a "
+        f"device that begins near ({x:.1f}, {y:.1f}) m"
+    )
+    text = "rows of two devices in one table; say whose each row is, in a column agent, or make two files"
+    return [Suspicion("agent", "second device", text, False, reason)]
+
+
+def _inside(position: Array, scene: Scene) -> float:
+    """Share of positions (N, 2) m that are in the scene's grid."""
+    low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
+    return float(((position > low) & (position < high)).all(1).mean())
+
+
+def _level_db(table: Columns, sight: Sight) -> float:
+    """How loud lines of sight are at 1 m; 0 where nothing tells."""
+    sure = sight.probability > SURE
+    if "amplitude" not in table or not sure.any():
+        return 0.0
+    loud = table["amplitude"][sight.row[sure]] * sight.distance_m[sure]
+    loud = loud[np.isfinite(loud) & (loud > 0)]
+    return 20 * float(np.log10(np.median(loud))) if len(loud) else 0.0

@@ -1,0 +1,42 @@
+"""Rows of two robots in a table without a column agent are told of; those of one are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from workshop import workshop
+
+import gridslam as gs
+from gridslam.checks.diagnose import describe, suspicions
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("walls", [True, False])
+def test_two_robots_in_one_table_are_told_of(walls):
+    scene = workshop(walls)
+    both = gs.simulate(workshop(), ["r1", "r2"], 1)
+    (one,) = suspicions(both.table.columns, both.table.anchors, scene, "r1")
+    assert (one.column, one.kind, one.certain) == ("agent", "second device", False)
+    assert "begins near (9.5, 3.5) m" in one.reason
+    assert "say whose each row is, in a column agent" in one.text
+    for name in ("r1", "r2"):
+        assert suspicions(both[name].columns, both[name].anchors, scene, name) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["room", "canyon", "hall", "pillars"])
+def test_one_robot_is_no_second_one(name):
+    scene = gs.Scene.load(name)
+    agent = scene.agents[0].name
+    bare = gs.Scene.checked(scene.model_dump(exclude_none=True) | {"walls": []}, "bare")
+    table = gs.simulate(scene, agent, 2)
+    for known in (scene, bare):
+        found = suspicions(table.columns, table.anchors, known, agent)
+        assert not [item for item in found if item.kind == "second device"]
+
+
+@pytest.mark.slow
+def test_mirrored_robots_are_left_where_no_arrival_is_measured(tmp_path):
+    both = gs.simulate(workshop(), ["r1", "r2"], 1).table
+    replace(both, aoa_rad=np.full(len(both.step), np.nan)).to_csv(tmp_path / "a.csv")
+    assert not any("two devices" in line for line in describe(tmp_path / "a.csv", workshop(), "r1"))
