@@ -36,7 +36,6 @@ def run_network(asked: Asked) -> None:
     from gridslam.runs.network_files import clock_files
     from gridslam.runs.network_run import map_network, network_scores
     from gridslam.runs.progress import network_progress_bar
-    from gridslam.world.start import assumed_start
 
     world, file = asked.world, asked.measurements
     if asked.signal:
@@ -75,12 +74,9 @@ def run_network(asked: Asked) -> None:
                 if earlier is not None
                 else None
             )
-            starts = None
-            if how != "exact":
-                starts = {name: assumed_start(world, name, asked.seed) for name in measurements.agents}
             with network_progress_bar(measurements.tracks, err) as tell:
                 done = map_network(
-                    world, measurements, asked.seed, prior, starts=starts, progress=tell, method=asked.method,
+                    world, measurements, asked.seed, prior, starts=how, progress=tell, method=asked.method,
                     watch=None if view is None else view.follow_all(measurements.tracks), checkpoint=own,
                 )  # fmt: skip
             if view is not None:
