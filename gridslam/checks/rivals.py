@@ -201,10 +201,10 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
         assert fit.error is not None
         text += f"; or {_words(fit.error, fit.size_m, scene)}: too few anchors at once to tell which"
     suspicion = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
-    return Cure(None if _allowed_for(error, best.size_m, scene, agent) else suspicion, whole, after)
+    return Cure(None if allowed_for(error, best.size_m, scene, agent) else suspicion, whole, after)
 
 
-def _allowed_for(error: RangeError, size_m: float, scene: Scene, agent: str | None) -> bool:
+def allowed_for(error: RangeError, size_m: float, scene: Scene, agent: str | None) -> bool:
     """Whether the scene's clocks, as little as it knows of them, may be the reason."""
     if error.kind != "offset" or scene.clocks is None:
         return False
@@ -294,7 +294,7 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
     gain = moved.evidence - still.evidence
     if moved.explained < least_share(scene) or gain < CERTAIN or abs(moved.size_m) < error.least_m:
         return None
-    if _allowed_for(error, moved.size_m, scene, agent):
+    if allowed_for(error, moved.size_m, scene, agent):
         return None
     reason = (
         f"line of sight in {moved.explained:.0%} of {moved.judged}, {sight.explained:.0%} as it stands; "

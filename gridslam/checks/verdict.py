@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from gridslam.checks.fit import BLIND, FITTING, settled, tells_place
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
+from gridslam.checks.rivals import allowed_for, range_errors
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.world.columns import Columns
@@ -42,7 +43,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     order = np.argsort(columns["step"], kind="stable")
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
-    seen = settled(table, scene, agent)
+    seen = _by_clocks(table, scene, agent, settled(table, scene, agent))
     share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
     line = f"line of sight to the anchors in {share} of {seen.judged}"
     if seen.explained >= FITTING:
@@ -76,6 +77,16 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     hidden = "walls, of which the scene has none, may hide anchors"
     more = f"{hidden}{_rest(table, seen)}{_not_judged(table, scene, seen)}"
     return f"{line}: no other reading of a column explains more; {more}"
+
+
+def _by_clocks(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> Sight:
+    """What is explained, or what is with an offset that the scene's clocks allow for."""
+    if scene.clocks is None or seen.explained >= FITTING:
+        return seen
+    offsets = [error for error in range_errors(scene) if error.kind == "offset"]
+    others = [(error, settled(table, scene, agent, error=error)) for error in offsets]
+    allowed = [one for error, one in others if allowed_for(error, one.size_m, scene, agent)]
+    return max([seen, *allowed], key=lambda one: one.explained)
 
 
 def _each(scene: Scene, seen: Sight) -> str:

@@ -1,6 +1,7 @@
 """`check` on errors of whole tables: clocks, heights, names, times; and tables that nothing explains."""
 
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -36,6 +37,17 @@ def test_clock_offset_that_the_scene_allows_for_is_none():
         assert [item.kind for item in found] == kinds
     nobody = scene.model_copy(update={"agents": ()})
     assert [item.kind for item in suspicions(late, scene.anchor_names, nobody)] == ["offset"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("anchor", [None, 0])
+def test_a_table_with_such_an_offset_fits_the_scene(anchor, tmp_path):
+    table = gs.simulate(SCENES["room"], "agent1", 3)
+    rows = np.ones(len(table.anchor), bool) if anchor is None else table.anchor == anchor
+    replace(table, distance_m=table.distance_m + OFFSET_M * rows).to_csv(tmp_path / "late.csv")
+    scene = gs.Scene.from_toml(f"{SCENES['room'].to_toml()}\n[clocks]\nanchor_prior_ns = 10\n", "room")
+    lines = describe(tmp_path / "late.csv", scene)
+    assert "units and frames fit the scene" in lines[-1]
 
 
 @pytest.mark.slow
