@@ -105,7 +105,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "ray_excess": float((batch.mean("rays") - mark.rays[:, :size])[:, late].mean()),
                 "likely_ray_excess": float((batch.mean("rays") - mark.likely_rays[:, :size])[:, late].mean()),
                 "seconds_per_step": float(
-                    np.mean([r["agents"][batch.agent]["cost"]["seconds_per_step"] for r in batch.records])
+                    np.median([r["agents"][batch.agent]["cost"]["seconds_per_step"] for r in batch.records])
                 ),
             }
         )
