@@ -230,3 +230,10 @@ def test_faults_of_built_pages_are_found(tmp_path):
         "b.html: loads https://x.org/m.js",
     ]
     assert "python docs/check_pages.py build/docs" in (ROOT / ".ci/run").read_text()
+
+
+def test_defaults_of_filters_are_not_said_to_be_the_papers_where_they_differ():
+    page = (DOCS / "scene-file.md").read_text(encoding="utf-8")
+    assert "the defaults are the papers'" not in page
+    (row,) = re.findall(r"^\| `particles` \|.*$", page, re.M)
+    assert "`10000`" in row and "60 000" in row
