@@ -10,16 +10,27 @@ from __future__ import annotations
 import json
 import tempfile
 import tomllib
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 
 import gridslam as gs
+from gridslam.bench.bench import Speed, StepSpeed
+from gridslam.bench.growth import Growth
+from gridslam.bench.kernels import KernelSpeed
+from gridslam.bench.plan import Plan
+from gridslam.bench.start import Machine, StartUp
 from gridslam.estimate_tables import FeatureEstimate
+from gridslam.runs.network_files import clock_files
 from gridslam.runs.run_files import write_run
+from gridslam.simulation.network import simulate_network
+from gridslam.studies.batches import batches
+from gridslam.studies.study import Study, run_study
+from gridslam.studies.tables import write_tables
 from gridslam.systems.registry import METHODS
 from gridslam.world.scene_reference import keys
 
@@ -117,8 +128,15 @@ def formats_page() -> str:
     with tempfile.TemporaryDirectory(prefix="gridslam-docs-") as place:
         folder = _written(Path(place))
         for name in ("measurements.h5", "map.h5", "steps.h5", "signal.h5"):
-            lines += ["", f"## `{name}`", "", *_h5(folder, name)]
-        lines += ["", "## `run.json`", "", *_json(folder)]
+            lines += ["", f"## `{name}`", "", *_h5(folder / "agent1" / name)]
+        network = _network(Path(place))
+        lines += ["", "## `clocks.h5`", "", *_h5(network / "clocks.h5")]
+        lines += ["", "## `run.json`", "", *_json(folder), *_of_network(network)]
+        study = _studied(Path(place))
+        lines += ["", "## `study.jsonl`", "", *_results(study / "study.jsonl")]
+        for name in ("runs.csv", "steps.csv", "summary.csv"):
+            lines += ["", f"## `{name}`", "", *_columns(study / name)]
+    lines += ["", "## `bench --json`", "", *_bench()]
     for name, told in MEANINGS["others"].items():
         lines += ["", f"## `{name}`", "", *told.strip().splitlines()]
     return "\n".join(lines) + "\n"
@@ -142,14 +160,90 @@ def _written(place: Path) -> Path:
     return place / "run"
 
 
-def _h5(folder: Path, name: str) -> Iterator[str]:
+def _network(place: Path) -> Path:
+    """Files of a small run of several agents with clocks."""
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    brief = {**whole, "agents": [{**agent, "steps": 3} for agent in whole["agents"][:2]]}
+    scene = gs.Scene.checked({**brief, "filter": {**whole["filter"], "particles": 100}}, "small")
+    heard, truth = simulate_network(scene, [agent.name for agent in scene.agents], 1)
+    done = gs.map_network(scene, heard, seed=1)
+    runs, more = list(done.runs.values()), clock_files(done.clocks, heard.clocks)
+    settings = {"network": done.score(truth.clocks, truth)}
+    scores, parts = [run.score() for run in runs], [heard[run.agent] for run in runs]
+    write_run(place / "network", scene, runs, parts, scores, settings, more=more)
+    return place / "network"
+
+
+class _Here:
+    """Workers in this process."""
+
+    def run(self, work: Callable[..., Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """Each task in turn."""
+        yield from enumerate(map(work, tasks))
+
+
+def _studied(place: Path) -> Path:
+    """Files of a study of two runs."""
+    scene = gs.Scene.from_toml(SCENE, "small")
+    outcome = run_study(Study((scene,), seeds=(1, 2)), place / "study", _Here())
+    write_tables(place / "study", batches(outcome))
+    return place / "study"
+
+
+def _table(head: str, of: str, names: Iterable[str], shown: str = "{}") -> Iterator[str]:
+    yield from ("", f"| {head} | meaning |", "|---|---|")
+    for name in names:
+        yield f"| `{shown.format(name)}` | {meaning(of, name)} |"
+
+
+def _of_network(folder: Path) -> Iterator[str]:
+    whole = json.loads((folder / "run.json").read_text(encoding="utf-8"))["network"]
+    for key in whole:
+        yield f"| `network.{key}` | {meaning('run.json', f'network.{key}')} |"
+
+
+def _results(path: Path) -> Iterator[str]:
+    yield from meaning("study.jsonl", "about").strip().splitlines()
+    head, first, *_ = map(json.loads, path.read_text(encoding="utf-8").splitlines())
+    yield from _table("key of the first line", "study.jsonl", head)
+    inner = [f"key.{name}" for name in first["key"]]
+    own = first["agents"]["agent1"]
+    inner += [f"agents.NAME.{name}" for name in own if name != "steps"]
+    inner += [f"agents.NAME.steps.{name}" for name in own["steps"]]
+    yield from _table("key of each other line", "study.jsonl", inner)
+
+
+def _columns(path: Path) -> Iterator[str]:
+    """Columns of a table; those that are scores mean what they mean in run.json."""
+    yield from meaning(path.name, "about").strip().splitlines()
+    yield from ("", "| column | meaning |", "|---|---|")
+    for name in path.read_text(encoding="utf-8").splitlines()[0].split(","):
+        score = "agents." + ("map." + name.removeprefix("map_") if name.startswith("map_") else name)
+        own = MEANINGS[path.name].get(name)
+        yield f"| `{name}` | {own or meaning('run.json', score)} |"
+
+
+def _bench() -> Iterator[str]:
+    yield from meaning("bench", "about").strip().splitlines()
+    yield from ("", "| key | keys in it | meaning |", "|---|---|---|")
+    inner = {"plan": Plan, "machine": Machine, "kernels": KernelSpeed, "steps": StepSpeed, "growth": Growth}
+    inner["start_up"] = StartUp
+    for name in ("format", "version", *(field.name for field in fields(Speed))):
+        keys = ", ".join(f"`{field.name}`" for field in fields(inner[name])) if name in inner else ""
+        yield f"| `{name}` | {keys} | {meaning('bench', name)} |"
+
+
+def _h5(path: Path) -> Iterator[str]:
+    name = path.name
     yield from meaning(name, "about").strip().splitlines()
-    with h5py.File(folder / "agent1" / name) as file:
+    with h5py.File(path) as file:
         yield ""
         yield f'Root attributes: `format = "{file.attrs["format"]}"`, `version = {file.attrs["version"]}`.'
         yield ""
         yield "| dataset or attribute | shape | type | unit | meaning |"
         yield "|---|---|---|---|---|"
+        for key in sorted(set(file.attrs) - {"format", "version", "checksum"}):
+            yield f"| attribute `{key}` | | | | {meaning(name, f'@{key}')} |"
         found: list[tuple[str, h5py.Dataset | h5py.Group]] = []
         file.visititems(lambda path, item: found.append((path, item)))
         for path, item in found:

@@ -182,11 +182,10 @@ def runs(scene: gs.Scene, seed: int, method: str) -> dict[str, Any]:
     names = [one.name for one in scene.agents]
     if len(names) > 1:
         heard = gs.simulate(scene, names, seed, unlabelled=True)
-        return dict(gs.map_network(scene, heard, method=method, seed=seed).runs)
+        return dict(gs.map_network(scene, heard, method=method, seed=seed, starts="exact").runs)
     what = {"what": "signal"} if method == "direct_grid" else {}
-    return {
-        names[0]: gs.map_scene(scene, gs.simulate(scene, names[0], seed, **what), method=method, seed=seed)
-    }
+    heard = gs.simulate(scene, names[0], seed, **what)
+    return {names[0]: gs.map_scene(scene, heard, method=method, seed=seed, start="exact")}
 
 
 def line(scene: gs.Scene, name: str, run: Any, bounded: bool) -> str:

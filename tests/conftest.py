@@ -63,7 +63,7 @@ def short_room(tmp_path):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leave out the figures, which take longer than the filter."""
-    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder, **_: [])
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder, *_, **__: [])
 
 
 @pytest.fixture

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from gridslam.cli.asked import Asked
     from gridslam.measurements.network import NetworkMeasurements
     from gridslam.measurements.observations import Observations
-    from gridslam.runs.network_run import NetworkRun
     from gridslam.simulation.network import NetworkTruth
     from gridslam.world.scene import Scene
 
@@ -35,9 +34,8 @@ def run_network(asked: Asked) -> None:
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
     from gridslam.runs.network_files import clock_files
-    from gridslam.runs.network_run import map_network
+    from gridslam.runs.network_run import map_network, network_scores
     from gridslam.runs.progress import network_progress_bar
-    from gridslam.world.start import assumed_start
 
     world, file = asked.world, asked.measurements
     if asked.signal:
@@ -76,12 +74,9 @@ def run_network(asked: Asked) -> None:
                 if earlier is not None
                 else None
             )
-            starts = None
-            if how != "exact":
-                starts = {name: assumed_start(world, name, asked.seed) for name in measurements.agents}
             with network_progress_bar(measurements.tracks, err) as tell:
                 done = map_network(
-                    world, measurements, asked.seed, prior, starts=starts, progress=tell, method=asked.method,
+                    world, measurements, asked.seed, prior, starts=how, progress=tell, method=asked.method,
                     watch=None if view is None else view.follow_all(measurements.tracks), checkpoint=own,
                 )  # fmt: skip
             if view is not None:
@@ -160,21 +155,6 @@ def _lines(scores: dict[str, Any]) -> list[str]:
     if scores["label_errors"] is not None:
         lines.append(f"labels: {scores['label_errors']} of {scores['labels_judged']} wrong")
     return lines
-
-
-def network_scores(
-    done: NetworkRun, measurements: NetworkMeasurements, truth: NetworkTruth | None
-) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Scores of every agent, and those of clocks and labels."""
-    whole = done.score(measurements.clocks, truth)
-    if truth is None:
-        return [run.score(measurements.tracks.get(name)) for name, run in done.runs.items()], whole
-    own = {name: truth.agents[name].first(len(run.estimates)) for name, run in done.runs.items()}
-    scores = [  # the map is of all that any of them heard
-        run.score(own[name], [other for one, other in own.items() if one != name])
-        for name, run in done.runs.items()
-    ]
-    return scores, whole
 
 
 def recorded_network(world: Scene, file: Path, agents: list[str] | None) -> NetworkMeasurements:

@@ -117,7 +117,7 @@ def _stop(line: str, termination: Termination) -> None:
 def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
     """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
     from gridslam.runs.notes import health_notes
-    from gridslam.runs.run_files import write_run
+    from gridslam.runs.run_files import read_run, write_run
     from gridslam.viewers.plots import draw_all
 
     whole = True
@@ -126,7 +126,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
         nonlocal whole
         try:
             with busy("drawing figures"):
-                draw_all(part)
+                draw_all(part, read_run(part, {run.agent: run.map for run in done.runs}))
         except KeyboardInterrupt:
             whole = False
 

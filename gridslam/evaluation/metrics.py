@@ -5,6 +5,8 @@ The definitions are those of ``run.json``. Whatever lacks its truth is None, nev
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,7 +21,8 @@ DIVERGED_M = 0.5
 SETTLED_STEP = 10
 HITS = 10
 """True hits from which on a cell counts as a wall that the map should show."""
-LEGS_AT_ONCE = 4096
+CUTS_AT_ONCE, CELLS_AT_ONCE = 2**18, 2**16
+"""Places where legs meet grid lines, and cells whose walls are asked for, at once: some 2 MB a column."""
 
 
 def rmse(error: ArrayLike) -> float:
@@ -131,17 +134,21 @@ def map_scores(grid: Map, segments: Segments, paths: TruePaths) -> dict[str, flo
     """
     hit = hit_counts(grid, paths) >= HITS
     start, end, _ = paths.legs
-    away = wall_distance(grid, segments)
-    crossed = crossed_cells(grid, start, end) & (away > 1.5 * grid.cell_m)
+    beside, near = within_walls(grid, segments, (1.5 * grid.cell_m, 2 * grid.cell_m))
+    crossed = crossed_cells(grid, start, end) & ~beside
     wall = crossed_cells(grid, segments.start, segments.end)
-    score = np.where(grid.observed, grid.occupancy, grid.prior)
     return {
-        "occupied_precision": _share(away[grid.occupied] <= 2 * grid.cell_m),
+        "occupied_precision": _share(near[grid.occupied]),
         "occupied_recall": _share(_grown(grid.occupied)[hit]),
         "free_precision": _share(~wall[grid.free]),
         "free_recall": _share(grid.free[crossed]),
-        "auc": area_under_curve(score[hit], score[crossed]),
+        "auc": area_under_curve(_scores(grid, hit), _scores(grid, crossed)),
     }
+
+
+def _scores(grid: Map, cells: np.ndarray) -> np.ndarray:
+    """Occupancy of marked cells, the prior where unobserved."""
+    return np.where(grid.observed[cells], grid.occupancy[cells], grid.prior)
 
 
 def reflection_mae(grid: Map, segments: Segments) -> float | None:
@@ -165,13 +172,11 @@ def reflection_mae(grid: Map, segments: Segments) -> float | None:
 
 def area_under_curve(positive: ArrayLike, negative: ArrayLike) -> float | None:
     """Area under the ROC curve: chance that a positive scores above a negative, ties half. None if empty."""
-    from scipy.stats import rankdata
-
-    positive, negative = np.asarray(positive, float), np.asarray(negative, float)
+    positive, negative = np.asarray(positive), np.sort(negative)
     if not len(positive) or not len(negative):
         return None
-    rank = rankdata(np.concatenate([positive, negative]))[: len(positive)].sum()
-    return float((rank - len(positive) * (len(positive) + 1) / 2) / (len(positive) * len(negative)))
+    below, up_to = (np.searchsorted(negative, positive, side) for side in ("left", "right"))
+    return float((below.sum() + up_to.sum()) / 2 / (len(positive) * len(negative)))
 
 
 def hit_counts(grid: Map, paths: TruePaths) -> np.ndarray:
@@ -182,14 +187,17 @@ def hit_counts(grid: Map, paths: TruePaths) -> np.ndarray:
     return np.bincount(flat, minlength=grid.observed.size).reshape(grid.shape)
 
 
-def wall_distance(grid: Map, segments: Segments) -> np.ndarray:
-    """Distance of the centre of each cell to the nearest wall: (ny, nx) float64, m; inf without walls."""
+def within_walls(grid: Map, segments: Segments, reaches_m: Sequence[float]) -> np.ndarray:
+    """Cells whose centres are at most each of `reaches_m` (R,), m, from a wall: (R, ny, nx) bool."""
     x, y = (grid.origin_m[axis] + (np.arange(grid.shape[1 - axis]) + 0.5) * grid.cell_m for axis in (0, 1))
-    centre = np.stack(np.meshgrid(x, y), axis=-1)
-    nearest = np.full(grid.shape, np.inf)
-    for start, end in zip(segments.start, segments.end, strict=True):
-        np.minimum(nearest, distance_to_segments(centre, start[None], end[None])[..., 0], out=nearest)
-    return nearest
+    near, rows = np.zeros((len(reaches_m), *grid.shape), bool), max(1, CELLS_AT_ONCE // grid.shape[1])
+    for first in range(0, grid.shape[0], rows):
+        centre = np.stack(np.meshgrid(x, y[first : first + rows]), axis=-1)
+        for start, end in zip(segments.start, segments.end, strict=True):
+            distance = distance_to_segments(centre, start[None], end[None])[..., 0]
+            for cells, reach in zip(near, reaches_m, strict=True):
+                cells[first : first + rows] |= distance <= reach
+    return near
 
 
 def crossed_cells(grid: Map, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -199,8 +207,9 @@ def crossed_cells(grid: Map, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """
     crossed = np.zeros(grid.shape, bool)
     lines = [grid.origin_m[axis] + np.arange(grid.shape[1 - axis] + 1) * grid.cell_m for axis in (0, 1)]
-    for first in range(0, len(start), LEGS_AT_ONCE):
-        a, span = start[first : first + LEGS_AT_ONCE], (end - start)[first : first + LEGS_AT_ONCE]
+    legs = max(1, CUTS_AT_ONCE // sum(grid.shape))  # each is cut at every line
+    for first in range(0, len(start), legs):
+        a, span = start[first : first + legs], (end - start)[first : first + legs]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             cuts = [(lines[axis] - a[:, axis, None]) / span[:, axis, None] for axis in (0, 1)]
         ends = np.tile([0.0, 1.0], (len(a), 1))

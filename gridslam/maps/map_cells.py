@@ -145,8 +145,9 @@ class MapCells:
     @cached_property
     def occupancy(self) -> np.ndarray:
         """Probability that a cell is occupied: (ny, nx) float32, NaN where unobserved."""
-        posterior = expit(self.evidence.astype(float) + logit(self.prior))
-        return np.where(self.observed, posterior, np.nan).astype(np.float32)
+        picture = np.full(self.shape, np.nan, np.float32)
+        picture[self.observed] = expit(self.evidence[self.observed].astype(float) + logit(self.prior))
+        return picture
 
     @cached_property
     def occupied(self) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal, write_signal
+from gridslam.measurements.simulated import Simulated
 from gridslam.wording import counted
 from gridslam.world.columns import MOST_STEPS
 from gridslam.world.geometry import wrap
@@ -45,6 +46,8 @@ class Recording:
     anchor_orientation_rad : (J,) float64, rad, or None
     truth : Trajectory or None
         For scoring alone: no filter reads it.
+    simulated : Simulated or None
+        Which simulation it is of, if of any.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Recording:
     anchor_position_m: Array | None = None
     anchor_orientation_rad: Array | None = None
     truth: Trajectory | None = None
+    simulated: Simulated | None = None
 
     def __post_init__(self) -> None:
         names = _names(self.anchors)
@@ -246,6 +250,7 @@ class Recording:
             "anchor_orientation_rad": self.anchor_orientation_rad, "anchor_element_m": form.anchor_element_m,
             "agent_element_m": form.agent_element_m, "heading_rad": self.heading_rad,
             "heading_std_rad": form.heading_std_rad, "truth": self.truth,
+            "simulated": self.simulated,
         }  # fmt: skip
         write_signal(path, content)
 
@@ -286,7 +291,9 @@ class Recording:
             Not such a file, cut short, or any fault in its content.
         """
         with located(path):
-            return cls.from_arrays(**read_signal(path))
+            content = read_signal(path)
+            simulated = content.pop("simulated")
+            return replace(cls.from_arrays(**content), simulated=simulated)
 
 
 def _names(anchors: Sequence[str]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
 from gridslam.measurements.hdf5_table import get_track, put_track
+from gridslam.measurements.simulated import simulated_of
 
 KIND = "gridslam-signal"
 
@@ -26,6 +27,8 @@ def write_signal(path: str | os.PathLike[str], content: dict[str, Any]) -> None:
     samples = content["samples"]
     with writing_h5(path, KIND) as file:
         signal = file.create_group("signal")
+        if content["simulated"] is not None:
+            content["simulated"].put(signal)
         put(signal, "samples", _parts(samples).astype(np.float32), "any")
         signal["samples"].attrs["carrier_hz"] = content["carrier_hz"]
         for name, unit in (("time_s", "s"), ("frequency_hz", "Hz"), ("heard", "1")):
@@ -56,7 +59,7 @@ def read_signal(path: str | os.PathLike[str]) -> dict[str, Any]:
     Returns
     -------
     dict
-        The arguments of `Recording.from_arrays`.
+        The arguments of `Recording.from_arrays`, and ``simulated``.
 
     Raises
     ------
@@ -94,6 +97,7 @@ def read_signal(path: str | os.PathLike[str]) -> dict[str, Any]:
             if has_heading
             else 0.0,
             "truth": get_track(subgroup(file, "truth")) if "truth" in file else None,
+            "simulated": simulated_of(signal),
         }
 
 

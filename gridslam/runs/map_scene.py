@@ -22,7 +22,7 @@ from gridslam.systems.registry import DEFAULT, method_class, method_name, suited
 from gridslam.systems.slam import Slam, built, mapped, stepped
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
-from gridslam.world.start import Start, assumed_start, require_scene
+from gridslam.world.start import Start, require_scene, start_of
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
 
@@ -40,7 +40,7 @@ def map_scene(
     particles: int | None = None,
     watch: Callable[[Estimate, Callable[[], Map]], None] | None = None,
     same_frame: bool = False,
-    start: Start | None = None,
+    start: Start | Sequence[float] | str | None = None,
     checkpoint: AgentCheckpoint | None = None,
 ) -> Run:
     """Run a method over all measurements of one agent.
@@ -68,9 +68,10 @@ def map_scene(
         Gets, after every step, the estimate and a function that returns the map as it stands.
     same_frame : bool
         The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
-    start : Start, optional
-        Told instead of the scene's own start, e.g. `gridslam.world.start.assumed_start(scene, agent, seed)`:
-        drawn from the agent's prior, as `gridslam run` and `study` do where they simulate.
+    start : "drawn", "exact", (x m, y m, heading rad) or Start, optional
+        What is told of the start: drawn from the agent's prior by the seed, the scene's own, or this pose.
+        Default: drawn where `gridslam.simulate` made the measurements, as `gridslam run` and `study` do;
+        else the scene's, and ``run.start`` is "scene": nobody knows how exact it is.
     checkpoint : AgentCheckpoint, optional
         Where the run goes on from, if it was interrupted, and keeps what it needs to do so again: of
         `gridslam.runs.unfinished.Unfinished.agent`.
@@ -100,9 +101,12 @@ def map_scene(
     check_anchors(scene, measurements)
     if prior_map is not None:
         prior_map, _ = fitted(prior_map, scene, same_frame=same_frame)
+    simulated = measurements.simulated is not None
+    began = start_of(scene, agent or scene.agents[0].name, seed, start, simulated)
+    told = began if isinstance(start, Start) or began.how in ("drawn", "told") else None  # else the scene's
     device = runtime.start()
     slam, before = begun(
-        found, checkpoint, lambda: _started(found, scene, prior_map, agent, seed, start, waveform)
+        found, checkpoint, lambda: _started(found, scene, prior_map, agent, seed, told, waveform)
     )
     with _watcher(progress, slam.agent, measurements) as tell:
         done = run_steps(partial(stepped, slam), slam, measurements, before, tell, watch, checkpoint)
@@ -125,7 +129,7 @@ def map_scene(
         map=final_map,
         seconds_per_step=done.seconds_per_step,
         peak_memory_mb=done.peak_memory_mb,
-        began=start or assumed_start(scene, slam.agent, seed, "exact"),
+        began=began,
         interrupted=len(estimates) < len(measurements),
     )
 
@@ -153,10 +157,11 @@ def _started(
 ) -> Slam:
     """A method's object, told of a start: by `start_at` where it has one, else by its scene."""
     start_at = getattr(method, "start_at", None)
+    who = agent or scene.agents[0].name
     if start is not None and (start.heights_m or start.coefficients):
-        scene = scene.at_heights(agent, start.heights_m).at_coefficients(start.coefficients)
+        scene = scene.at_heights(who, start.heights_m).at_coefficients(start.coefficients)
     if start is not None and start_at is None:
-        scene = scene.starting(agent, start.position_m, start.heading_rad)
+        scene = scene.starting(who, start.position_m, start.heading_rad)
     slam = built(method, scene, prior_map, agent, seed, waveform)
     if start is not None and start_at is not None:
         start_at(slam, start.position_m, start.heading_rad)

@@ -24,7 +24,7 @@ from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.scene import Scene
-from gridslam.world.start import Start, assumed_start, require_scene
+from gridslam.world.start import Start, require_scene, start_of
 
 SETTLED = 101
 """Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
@@ -109,13 +109,28 @@ NETWORK_KEYS = (
 )
 
 
+def network_scores(
+    done: NetworkRun, measurements: NetworkMeasurements, truth: NetworkTruth | None
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Scores of every agent, as of `Run.score`, and those of clocks and labels, as of `NetworkRun.score`."""
+    whole = done.score(measurements.clocks, truth)
+    if truth is None:
+        return [run.score(measurements.tracks.get(name)) for name, run in done.runs.items()], whole
+    own = {name: truth.agents[name].first(len(run.estimates)) for name, run in done.runs.items()}
+    scores = [  # the map is of all that any of them heard
+        run.score(own[name], [other for one, other in own.items() if one != name])
+        for name, run in done.runs.items()
+    ]
+    return scores, whole
+
+
 def map_network(
     scene: Scene,
     measurements: NetworkMeasurements,
     seed: int = 0,
     prior_map: Map | None = None,
     particles: int | None = None,
-    starts: Mapping[str, Start] | None = None,
+    starts: Mapping[str, Start] | str | None = None,
     progress: Callable[[NetworkEstimate, int, int], None] | None = None,
     same_frame: bool = False,
     method: str = "network",
@@ -134,8 +149,9 @@ def map_network(
         What an earlier agent left.
     particles : int, optional
         Instead of ``scene.filter.particles``.
-    starts : dict of str to Start, optional
-        Told instead of the scene's own starts.
+    starts : "drawn", "exact" or dict of str to Start, optional
+        What is told of agents' starts, as `gridslam.map_scene` says, and its default; of agents that a
+        dictionary leaves out, the scene's own.
     progress : callable, optional
         Gets (estimate, steps done, steps in all) after every step.
     same_frame : bool
@@ -165,10 +181,18 @@ def map_network(
     if not issubclass(system, NetworkFront):
         raise InputError("method", repr(method), "one for several agents at once")
 
+    simulated = measurements.table.simulated is not None
+    if isinstance(starts, Mapping):
+        told, own = starts, "exact" if simulated else None
+        began = {name: told.get(name) or start_of(scene, name, seed, own, simulated) for name in names}
+    else:
+        began = {name: start_of(scene, name, seed, starts, simulated) for name in names}
+        told = {name: one for name, one in began.items() if one.how == "drawn"}  # else the scene's
+
     def start() -> NetworkFront[Any]:
         slam = system(scene, prior_map, seed=seed, same_frame=same_frame, agents=names)
-        if starts is not None:
-            slam.start_all(starts)
+        if told:
+            slam.start_all(told)
         return slam
 
     slam, before = begun(system, checkpoint, start)
@@ -192,7 +216,7 @@ def map_network(
             map=final_map,
             seconds_per_step=done.seconds_per_step,
             peak_memory_mb=done.peak_memory_mb,
-            began=(starts or {}).get(name) or assumed_start(scene, name, seed, "exact"),
+            began=began[name],
             interrupted=interrupted,
         )
     clocks = ClockTrack.of(estimates, len(scene.anchors))

@@ -71,7 +71,7 @@ class Run:
 
     @property
     def start(self) -> str:
-        """How the start was taken: "exact", the scene's own, or "drawn" from the prior."""
+        """How the start was taken: "drawn" from the prior, "exact", "told", or "scene" (as written there)."""
         return self.began.how
 
     def __repr__(self) -> str:

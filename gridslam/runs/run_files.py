@@ -185,8 +185,14 @@ def read_summary(folder: Path) -> dict[str, Any]:
     return summary
 
 
-def read_run(directory: str | os.PathLike[str]) -> RunFiles:
+def read_run(directory: str | os.PathLike[str], maps: Mapping[str, Map] | None = None) -> RunFiles:
     """Read a run's folder back.
+
+    Parameters
+    ----------
+    directory : path
+    maps : dict of str to Map, optional
+        Maps of agents that are at hand: they aren't read a second time, as large as they are.
 
     Raises
     ------
@@ -208,7 +214,7 @@ def read_run(directory: str | os.PathLike[str]) -> RunFiles:
             Trajectory.from_tum(own / "trajectory.tum"),
             Trajectory.from_tum(truth) if truth.exists() else None,
             read_steps(own / "steps.h5"),
-            Map.load(own / "map.h5"),
+            maps[name] if maps and name in maps else Map.load(own / "map.h5"),
         )
     return RunFiles(Scene.load(folder / "scene.toml"), summary, agents)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.measurements.recording import Recording
+from gridslam.measurements.simulated import Simulated
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.simulation.scattering import dense_tail
 from gridslam.world.geometry import wrap
@@ -60,7 +61,7 @@ def received_along(scene: Scene, agent: str, track: Trajectory, paths: TruePaths
         samples=samples, time_s=track.time_s, heard=np.ones((len(track), len(scene.anchors)), bool),
         waveform=waveform, anchors=scene.anchor_names, heading_rad=heading,
         anchor_position_m=scene.anchor_positions, anchor_orientation_rad=scene.anchor_orientations,
-        truth=track,
+        truth=track, simulated=Simulated(scene.name, (agent,), seed),
     )  # fmt: skip
 
 

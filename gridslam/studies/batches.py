@@ -16,9 +16,12 @@ from gridslam.evaluation.bounds import Bound, MapBound, known_map_bound, unknown
 from gridslam.evaluation.consistency import Steps, nees_band, true_rays
 from gridslam.evaluation.ground_truth import tells_heading, walls_tell_all
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M
+from gridslam.evaluation.network_bounds import network_bound
 from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
 from gridslam.evaluation.surface_truth import AudibleSurfaces
 from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.simulation.network import simulate_network
+from gridslam.studies.jobs import takes_several
 from gridslam.studies.study import Outcome, Variant
 from gridslam.systems.registry import kind_of
 from gridslam.world.observation import Kind
@@ -191,12 +194,12 @@ def batches(outcome: Outcome) -> list[Batch]:
             agents[job.variant] = job.agents
             for agent in job.agents:
                 sorted_.setdefault((job.variant, agent, job.method), []).append(record)
-    marks: dict[tuple[Variant, Kind], dict[str, Benchmark]] = {}
+    marks: dict[tuple[Variant, Kind, bool], dict[str, Benchmark]] = {}
     found = []
     for (variant, agent, method), records in sorted_.items():
-        which = variant, kind_of(method)
+        which = variant, kind_of(method), takes_several(method)
         if which not in marks:
-            marks[which] = _benchmarks(*which, agents[variant])
+            marks[which] = _benchmarks(variant, which[1], agents[variant], which[2])
         mark = marks[which][agent]
         runs = [_arrays(record, agent, mark) for record in records]
         steps = {name: np.stack([run[name] for run in runs]) for name in runs[0]}
@@ -224,8 +227,13 @@ def _arrays(record: Mapping[str, Any], agent: str, mark: Benchmark) -> dict[str,
         raise InputError("study: results", f"a damaged run ({who})", "what the study wrote") from None
 
 
-def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[str, Benchmark]:
+def _benchmarks(
+    variant: Variant, takes: Kind, agents: Sequence[str], at_once: bool = False
+) -> dict[str, Benchmark]:
+    """Of every agent; of those that are run at once, with the bound of all together."""
     scene = Scene.from_toml(variant.scene, variant.name)
+    whole = simulate_network(scene, agents)[1] if at_once else None
+    joint = None if whole is None else network_bound(scene, whole)
     found: dict[str, Benchmark] = {}
     earlier: list[Truth] = []
     before: MapBound | None = None
@@ -244,6 +252,10 @@ def _benchmarks(variant: Variant, takes: Kind, agents: Sequence[str]) -> dict[st
             bound = scene_signal_bound if has_single_antennas(scene, name) else array_bound
             known, apart = (bound(scene, name, k, truth.paths) for k in (True, False))
             unknown = replace(before, position_m=apart.position_m, heading_rad=apart.heading_rad)
+        if joint is not None and whole is not None:
+            there = slice(whole.first[name], whole.first[name] + len(truth.trajectory))
+            place, facing = (own[there, agents.index(name)] for own in (joint.position_m, joint.heading_rad))
+            unknown = replace(before, position_m=place, heading_rad=facing)
         headed = tells_heading(scene, name, takes)
         if not headed:
             nothing = np.full_like(known.heading_rad, np.nan)

@@ -20,7 +20,7 @@ try:
 except ImportError:  # Windows: two studies in one folder aren't kept apart there
     fcntl = None
 
-FORMAT, VERSION = "gridslam-study", 4
+FORMAT, VERSION = "gridslam-study", 5
 FILE = "study.jsonl"
 
 

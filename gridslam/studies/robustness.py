@@ -158,7 +158,7 @@ def study(
 
 def run_case(case: Case, name: str, method: str | type[Slam] = DEFAULT) -> Result:
     """Run a filter on a case and judge it."""
-    run = map_scene(case.believed, case.measurements, method, case.agent, case.seed)
+    run = map_scene(case.believed, case.measurements, method, case.agent, case.seed, start="exact")
     return judged(case, name, run.estimates, len(run.surfaces), run.seconds_per_step)
 
 

@@ -2,98 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import threading
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import gridslam
-from gridslam import runtime
 from gridslam.errors import InputError
-from gridslam.evaluation.consistency import follow
-from gridslam.maps.map import Map
-from gridslam.runs.map_scene import map_scene
-from gridslam.simulation.image_source import Truth, ground_truth
-from gridslam.simulation.simulate import observations_of
 from gridslam.studies.files import FORMAT, VERSION, Results
+from gridslam.studies.jobs import Job, Variant, run_job
 from gridslam.studies.workers import LocalWorkers, Workers
 from gridslam.systems.registry import DEFAULT, METHODS, method_class, portable_name, taken_by
 from gridslam.world.network_scene import require_known_clocks
 from gridslam.world.scene import Scene
-from gridslam.world.start import HOWS, assumed_start
-
-COST = ("seconds_per_step", "peak_memory_mb")
-"""Scores that differ from one repetition of a run to the next."""
-_ONE_AT_A_TIME = threading.Lock()  # Taichi serves one thread; a cluster's worker may have several
-
-
-@dataclass(frozen=True)
-class Variant:
-    """A scene with some of its settings changed.
-
-    Attributes
-    ----------
-    scene : str
-        The whole scene as TOML, changes included.
-    name : str
-        The scene's name.
-    settings : tuple of (str, value)
-        What was changed, by dotted key.
-    """
-
-    scene: str
-    name: str
-    settings: tuple[tuple[str, Any], ...]
-
-    @property
-    def label(self) -> str:
-        """Name and changes in a few words."""
-        changes = (f"{key.rpartition('.')[2]}={value}" for key, value in self.settings)
-        return ", ".join((self.name, *changes))
-
-
-@dataclass(frozen=True)
-class Job:
-    """One run: its agents in turn, each from the map that the one before it left.
-
-    Attributes
-    ----------
-    variant : Variant
-    method : str
-    seed : int
-        Of the measurements and of the filter, as in ``gridslam run --seed``.
-    agents : tuple of str
-    start : str
-        "drawn" from the prior by seed, or "exact".
-    """
-
-    variant: Variant
-    method: str
-    seed: int
-    agents: tuple[str, ...]
-    start: str = "drawn"
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """All that the numbers of the run depend on; two jobs are one if their keys are equal."""
-        return {
-            "scene": self.variant.name,
-            "hash": hashlib.sha256(self.variant.scene.encode()).hexdigest()[:16],
-            "settings": dict(self.variant.settings),
-            "method": self.method,
-            "seed": self.seed,
-            "agents": list(self.agents),
-            "start": self.start,
-            "gridslam": gridslam.__version__,
-        }
+from gridslam.world.start import HOWS
 
 
 @dataclass(frozen=True)
@@ -273,53 +199,9 @@ def run_study(
     return Outcome(study, records, failures, sum(records[n] is not None for n in left))
 
 
-def run_job(job: Job) -> dict[str, Any]:
-    """Do one run and return it as plain data; the same job gives the same numbers wherever it runs.
-
-    Returns
-    -------
-    dict
-        ``key``; ``agents``: for each its ``scores`` (as in run.json), ``cost`` and ``steps``, arrays as lists
-        of float32, None for NaN.
-    """
-    with _ONE_AT_A_TIME:
-        runtime.start("cpu", threads=1)
-        scene = Scene.from_toml(job.variant.scene, job.variant.name)
-        takes = taken_by(method_class(job.method))
-        carried: Map | None = None
-        earlier: list[Truth] = []
-        found = {}
-        for name in job.agents:
-            observations = observations_of(scene, name, job.seed, takes)
-            start = assumed_start(scene, name, job.seed, job.start)
-            done = map_scene(scene, observations, job.method, name, job.seed, carried, start=start)
-            if done.interrupted:
-                raise KeyboardInterrupt
-            truth = ground_truth(scene, name)
-            scores = done.score(truth, earlier)
-            steps = follow(done.estimates, scene, truth, earlier)
-            found[name] = {
-                "cost": {key: scores.pop(key) for key in COST},
-                "scores": scores,
-                "steps": {f.name: _short(getattr(steps, f.name)) for f in fields(steps)},
-            }
-            carried = done.map
-            earlier.append(truth)
-    return {"key": job.key, "agents": found}
-
-
 def identity(key: Mapping[str, Any]) -> str:
     """A key as text that is equal for equal keys."""
     return json.dumps(key, sort_keys=True)
-
-
-def _short(values: np.ndarray) -> list:
-    """Lists of the shortest decimals that name each float32 (None for NaN); integers as they are."""
-    if values.ndim > 1:
-        return [_short(row) for row in values]
-    if values.dtype.kind == "i":
-        return [int(value) for value in values]
-    return [None if np.isnan(value) else float(str(value)) for value in values.astype(np.float32)]
 
 
 def _changed(scene: Scene, changes: Sequence[tuple[str, Any]]) -> Scene:

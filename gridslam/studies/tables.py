@@ -27,7 +27,9 @@ def run_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
             scores = {key: value for key, value in own["scores"].items() if key != "map"}
             cells = {f"map_{key}": value for key, value in own["scores"]["map"].items()}
             who = _who(batch) | {"seed": record["key"]["seed"]}
-            rows.append(who | scores | cells | own["cost"])
+            whole = record.get("network", {})
+            clocks = {f"network_{key}": value for key, value in whole.items() if not isinstance(value, dict)}
+            rows.append(who | scores | cells | clocks | own["cost"])
     return rows
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,8 +15,9 @@ from gridslam.world.geometry import wrap
 from gridslam.world.levels import COEFFICIENTS, check_heights
 from gridslam.world.scene import Scene
 
-How = Literal["drawn", "exact"]
-HOWS: tuple[How, ...] = get_args(How)
+Asked = Literal["drawn", "exact"]
+HOWS: tuple[Asked, ...] = get_args(Asked)
+How = Literal["drawn", "exact", "scene", "told"]
 STREAM = 0x57
 MOST_DRAWS = 100
 """Draws of heights before the scene's own are taken, which stand in order."""
@@ -29,7 +31,9 @@ class Start:
     ----------
     position_m : (2,) float64, m
     heading_rad : float
-    how : "drawn" or "exact"
+    how : str
+        "drawn" from the prior, "exact": a simulated agent's true one, "scene": the scene's own, as its author
+        wrote it, where nobody knows how exact it is; or "told" by the user.
     heights_m : dict
         Heights (m) that it is told other than the scene's: of "agent", "floor", "ceiling".
     coefficients : dict
@@ -38,7 +42,7 @@ class Start:
 
     position_m: Array
     heading_rad: float
-    how: How
+    how: How = "told"
     heights_m: dict[str, float] = field(default_factory=dict)
     coefficients: dict[str, float] = field(default_factory=dict)
 
@@ -64,6 +68,30 @@ def require_scene(scene: object) -> None:
     """
     if not isinstance(scene, Scene):
         raise InputError("scene", type(scene).__name__, "a Scene, as gs.Scene.load(name or path) returns")
+
+
+def start_of(
+    scene: Scene, agent: str, seed: int, asked: Start | Sequence[float] | str | None, simulated: bool
+) -> Start:
+    """The start that a run takes: as `asked`, else drawn where all is simulated, and the scene's where not.
+
+    Raises
+    ------
+    InputError
+        As `assumed_start`, or `asked` is no pose of three finite numbers.
+    """
+    if isinstance(asked, Start):
+        return asked
+    if asked is None and not simulated:
+        return replace(assumed_start(scene, agent, seed, "exact"), how="scene")
+    if asked is None or isinstance(asked, str):
+        return assumed_start(scene, agent, seed, asked or "drawn")
+    pose = np.array(asked, dtype=object).ravel()
+    known = len(pose) == 3 and all(isinstance(one, int | float | np.number) for one in pose)
+    if not known or not np.isfinite(pose.astype(np.float64)).all():
+        raise InputError("start", repr(asked), f"{' or '.join(HOWS)}, or a pose (x m, y m, heading rad)")
+    x_m, y_m, heading_rad = map(float, pose)
+    return Start(np.array([x_m, y_m]), heading_rad)
 
 
 def assumed_start(scene: Scene, agent: str, seed: int, how: str = "drawn") -> Start:

@@ -25,7 +25,7 @@ def made(tmp_path_factory):
     (folder / "tiny.toml").write_text(TINY)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder, run=None: [])
         for words in (["run", "tiny.toml", "-o", "out"], ["simulate", "tiny.toml", "-o", "heard.csv"]):
             patch.setattr(sys, "argv", ["gridslam", *words])
             with pytest.raises(SystemExit) as stop:

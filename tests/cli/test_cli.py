@@ -233,7 +233,7 @@ def test_ctrl_c_while_nothing_is_done_leaves_nothing(say, short_room, monkeypatc
 
 
 def test_ctrl_c_while_drawing_keeps_the_run(say, short_room, monkeypatch):
-    def stop(folder):
+    def stop(folder, run):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", stop)

@@ -57,7 +57,7 @@ def test_a_run_of_all_agents_writes_tracks_clocks_and_figures(say, short_exchang
 
 @pytest.mark.slow
 def test_a_run_of_a_file_has_the_agents_of_the_file(say, short_exchange, tmp_path, monkeypatch):
-    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda part: [])
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda part, run=None: [])
     both = "--agent", "agent2", "--agent", "agent1"
     assert say("simulate", short_exchange, *both, "--unlabelled", "-o", "heard.csv").code == 0
     title, *rows = (tmp_path / "heard.csv").read_text().splitlines()

@@ -199,7 +199,7 @@ def test_before_a_run_it_is_said_what_a_method_does_not_use():
 def test_figures_are_drawn_in_other_formats_and_widths(say):
     Path("tiny.toml").write_text(TINY)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder, run=None: [])
         assert say("run", "tiny.toml", "--agent", "agent1", "-o", "out").code == 0
     assert say("plot", "out", "--format", "pdf", "--width", "8.8").code == 0
     names = {path.name for path in Path("out/figures").iterdir()}

@@ -2,6 +2,7 @@
 
 import base64
 import re
+import tracemalloc
 from dataclasses import replace
 
 import matplotlib.image
@@ -161,3 +162,17 @@ def test_names_of_anchors_stand_clear_of_walls_and_inside():
     bare = hall.model_copy(update={"walls": ()})
     assert side_of(a, bare, shown).tolist() == [1, 1]
     assert side_of(np.array([12.5, 5.5]), bare, shown).tolist() == [-1, -1]
+
+
+def test_pictures_of_many_cells_take_little_beside_the_map_itself():
+    rng, shape = np.random.default_rng(1), (1000, 1000)
+    grid = replace(gs.Map.blank((0, 0), 0.1, shape, 0.1), observed=rng.random(shape) < 0.5)
+    grid = replace(grid, evidence=rng.normal(-1, 3, shape))
+    encoded(draw_map(gs.Map.blank((0, 0), 0.1, (4, 4), 0.1)))  # fonts, and whatever is made once
+    tracemalloc.start()
+    try:
+        encoded(draw_map(grid))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak / grid.observed.size < 60, "bytes a cell"

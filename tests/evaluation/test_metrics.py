@@ -1,5 +1,6 @@
 """Scores: each against a second way of computing it, or a case that can be done by hand."""
 
+import tracemalloc
 from dataclasses import replace
 from itertools import permutations
 
@@ -202,3 +203,29 @@ def test_reflection_is_compared_with_the_nearest_piece_of_wall():
     grid = replace(grid, coefficient=cube)
     segments = walls(([0, 8.5], [5, 8.5], 0.7, 0), ([5, 8.5], [10, 8.5], 0.3, 0))
     assert metrics.reflection_mae(grid, segments) == pytest.approx((0.025 + 0.075) / 2, rel=1e-5)
+
+
+def test_scores_are_the_same_however_few_cells_and_legs_are_taken_at_once(monkeypatch):
+    grid, segments, routes = room()
+    grid = marked(grid, occupied=[(8, 9), (6, 9), (8, 4)], free=[(2, 4), (8, 0), (3, 3)])
+    whole = metrics.map_scores(grid, segments, routes)
+    monkeypatch.setattr(metrics, "CUTS_AT_ONCE", 1)
+    monkeypatch.setattr(metrics, "CELLS_AT_ONCE", 1)
+    assert metrics.map_scores(grid, segments, routes) == whole
+
+
+def test_scores_take_little_beside_the_map_itself():
+    rng, shape = np.random.default_rng(1), (1000, 1000)
+    seen = rng.random(shape) < 0.5
+    grid = replace(Map.blank((0, 0), 0.1, shape, 0.1), evidence=rng.normal(-1, 3, shape), observed=seen)
+    segments = walls(*(([20.0 * k, 1.0], [20.0 * k + 9, 99.0], 0.7, k) for k in range(5)))
+    corners = [*rng.uniform(0, 100, (150, 3, 2)).tolist(), *[[[1.0, 2.0], [30.0, 99.0], [70.0, 3.0]]] * 10]
+    routes = paths(*((bends, [0, -1]) for bends in corners))
+    tracemalloc.start()
+    try:
+        scores = metrics.map_scores(grid, segments, routes)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert None not in scores.values()
+    assert peak / grid.observed.size < 30, "bytes a cell; the map has 85"

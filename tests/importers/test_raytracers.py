@@ -162,6 +162,45 @@ def test_deepmimo_arrays_give_the_geometry_back(users):
     close(gs.from_deepmimo(flat, ROOM, HEADING, users=users, **LEAST), exact())
 
 
+def test_deepmimo_paths_over_floor_and_ceiling_are_kept_where_the_scene_has_them():
+    bare = Scene.load("ceiling")
+    scene, track = with_levels(bare), bare.track("agent1")
+    paths = true_paths(scene, "agent1")
+    paths = paths.take(paths.step < 3)
+    ways = scene.verticals("agent1")
+    way = np.searchsorted(ways.over, paths.over)
+    rise = np.arccos(-ways.height[way, paths.anchor] / paths.distance_m)  # of the anchor's image, from above
+    up = np.where(paths.over > 0, np.pi - rise, rise)
+    at_1m = scene.signal_model().amplitude_at_1m
+    columns = {
+        "delay": paths.distance_m / SPEED_OF_LIGHT,
+        "aod_az": np.degrees(paths.aod_rad + scene.anchor_orientations[paths.anchor]),
+        "aoa_az": np.degrees(paths.aoa_rad + track.heading_rad[paths.step]),
+        "aod_el": np.degrees(up),
+        "aoa_el": np.degrees(np.pi - rise),
+        "power": 20 * np.log10(paths.amplitude / at_1m * WAVELENGTH / 4 / np.pi),
+    }
+    sets = []
+    for anchor in range(len(scene.anchors)):
+        place = np.zeros(len(paths), int)
+        for step in range(3):
+            rows = np.flatnonzero((paths.step == step) & (paths.anchor == anchor))
+            place[rows] = np.arange(len(rows))
+        own = paths.anchor == anchor
+        sets.append({name: np.full((3, place.max() + 2), np.nan) for name in columns})
+        for name, values in columns.items():
+            sets[-1][name][paths.step[own], place[own]] = values[own]
+    for world, kept in ((scene, paths), (bare, paths.take(paths.over == 0))):
+        found = gs.from_deepmimo(sets, world, track.heading_rad[:3], **LEAST)
+        order = np.lexsort((kept.distance_m, kept.anchor, kept.step))
+        heard = np.lexsort((found.distance_m, found.anchor, found.step))
+        for name in ("step", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude"):
+            np.testing.assert_allclose(
+                getattr(found, name)[heard], getattr(kept, name)[order], rtol=1e-9, atol=1e-9, err_msg=name
+            )
+    assert {int(over) for over in paths.over} == {0, 1, 2}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "where"),

@@ -51,7 +51,7 @@ def test_of_two_runs_at_once_the_second_is_refused_and_the_first_is_whole(tmp_pa
     (tmp_path / "tiny.toml").write_text(TINY)
     code = (
         "import sys, gridslam.viewers.plots as p, gridslam.cli.main as c\n"
-        "p.draw_all = lambda folder: (print('drawing', flush=True), sys.stdin.read(), [])[2]\n"
+        "p.draw_all = lambda folder, run=None: (print('drawing', flush=True), sys.stdin.read(), [])[2]\n"
         "c.main()"
     )
     runs = []
@@ -97,7 +97,7 @@ def test_folder_in_use_is_refused_before_any_work(tiny, monkeypatch, option):
 @pytest.mark.parametrize("option", [(), ("--overwrite",)])
 @pytest.mark.parametrize("kind", ["folder", "file"])
 def test_what_appears_meanwhile_stays_and_so_does_the_run(tiny, monkeypatch, kind, option):
-    def meanwhile(folder):
+    def meanwhile(folder, run):
         if kind == "file":
             Path("out").write_text("x")
         else:

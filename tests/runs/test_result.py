@@ -69,6 +69,8 @@ def test_folder_reads_back_for_figures(tmp_path, scene):
     np.testing.assert_allclose(own.truth.position_m, scene.track("agent1").position_m)
     np.testing.assert_array_equal(own.map.occupied, some_run(scene, "agent1").map.occupied)
     assert len(own.estimates) == len(own.trajectory) == len(own.measurements) == len(scene.track("agent1"))
+    at_hand = read_run(tmp_path / "out", {"agent1": own.map})  # a map that is there isn't read twice
+    assert at_hand.agents["agent1"].map is own.map is not again.agents["agent2"].map
 
 
 def test_run_without_truth_has_nulls_and_no_truth_file(tmp_path, scene):

@@ -112,13 +112,13 @@ def test_ctrl_c_while_the_folder_gets_its_name_costs_nothing(tiny, ctrl_c, monke
         asked("figures")
         rmtree(path, **options)
 
-    def draw(folder):
+    def draw(folder, run):
         Path("x").touch()
         if moment == "figures":
             raise KeyboardInterrupt
 
     if option:
-        monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder, run=None: [])
         assert tiny(*RUN, "--seed", 1).code == 0
     renames.clear()
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", draw)

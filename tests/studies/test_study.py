@@ -4,19 +4,24 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from made_up_runs import AGENTS, Here, plan
+from scene_samples import short
 from tiny import TINY
 
 from gridslam.cli.main import main
 from gridslam.cli.study import _setting
 from gridslam.errors import InputError
+from gridslam.runs.network_run import map_network
+from gridslam.simulation.network import simulate_network
 from gridslam.studies.batches import batches
 from gridslam.studies.study import Study, identity, run_study
 from gridslam.studies.tables import run_rows
 from gridslam.world.scene import Scene
+from gridslam.world.start import assumed_start
 
 
 @pytest.fixture(scope="module")
@@ -249,3 +254,24 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
     names = {path.name for path in Path(tmp_path / "s").iterdir()}
     assert names == {"study.jsonl", "runs.csv", "steps.csv", "summary.csv"}
     assert drawn == 3 * [tmp_path / "s"]
+
+
+def test_agents_that_a_method_takes_at_once_are_run_at_once(tmp_path):
+    """As `gridslam run` does, without labels; with scores of clocks, which a study of one by one hasn't."""
+    scene = short("exchange", 4, 256)
+    study = Study((scene,), ("network",), seeds=(7,))
+    outcome = run_study(study, tmp_path)
+    (record,) = outcome.records
+    names = [agent.name for agent in scene.agents]
+    measurements, truth = simulate_network(scene, names, 7, unlabelled=True)
+    starts = {name: assumed_start(scene, name, 7) for name in names}
+    done = map_network(scene, measurements, 7, starts=starts, method="network")
+    want = done.score(measurements.clocks, truth)
+    assert list(record["agents"]) == names
+    assert record["network"]["apparent_bias_rmse_ps"] == pytest.approx(want["apparent_bias_rmse_ps"])
+    for name, run in done.runs.items():
+        error = run.estimates[-1].position_m - truth.agents[name].trajectory.position_m[3]
+        last = record["agents"][name]["steps"]["position_error_m"][-1]
+        assert last == pytest.approx(np.hypot(*error), rel=1e-5)
+    rows = run_rows(batches(outcome))
+    assert {row["network_labels_judged"] for row in rows} == {want["labels_judged"]}

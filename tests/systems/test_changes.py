@@ -10,7 +10,8 @@ from gridslam.inference.workspace.cell_buffers import EVIDENCE_CLIP
 from gridslam.simulation.image_source import measured_along, true_paths
 
 BEFORE, AFTER = 100, 20
-"""Steps, in each of which anchor A is heard through the door or by way of it; and steps after the change."""
+"""Steps, in each of which anchor A is heard through the door or by way of it; and steps after the change: by
+the true paths, the two cells that are hit most are hit 6 and 10 times in these."""
 
 
 def world(door):
@@ -71,9 +72,18 @@ def mapped(before, after, steps, seed):
     return grid, follow(slam, after, slice(BEFORE, BEFORE + steps), seed)
 
 
-LEAST_OF_CLOSED = 0.8
+LEAST_OF_CLOSED = 0.7
 """Share of the cells that are hit most, over the seeds: hits fall on their neighbours, too."""
 HIT = np.array([[0.65, 0.55], [0.65, 0.65]])
+STRETCH = np.array([[0.6, 0.4], [0.6, 1.3]])
+"""Of the door, where paths of one bounce hit it after it closed."""
+
+
+def has_wall(grid, stretch, off_m=0.05):
+    """Whether one of the exported walls holds a stretch along x = const."""
+    across, along = grid.wall_segments().ends_m.transpose(2, 0, 1)
+    holds = (along.min(1) < stretch[:, 1].min()) & (along.max(1) > stretch[:, 1].max())
+    return bool((holds & (np.abs(across - stretch[0, 0]).max(1) < off_m)).any())
 
 
 def at(values, grid):
@@ -86,21 +96,27 @@ def at(values, grid):
 @pytest.mark.parametrize(
     ("before", "after", "least"), [(None, "concrete", LEAST_OF_CLOSED), ("concrete", None, 1.0)]
 )
-def test_a_door_that_closes_or_opens_is_mapped_within_twenty_hits(before, after, least):
+def test_a_door_that_closes_or_opens_is_mapped_within_twenty_steps(before, after, least):
+    """Cells of a door that closes follow in most seeds, the wall that is exported in all.
+
+    Of one that opens the cells that rays crossed do; the exported wall keeps those next to them for longer.
+    """
     right = []
-    for seed in range(1, 7):
+    for seed in range(1, 9):
         first, last = mapped(before, after, AFTER, seed)
         closed = [
             at(grid.evidence, grid) + np.log(grid.prior / (1 - grid.prior)) > 0 for grid in (first, last)
         ]
         assert (closed[0] == (before is not None)).all()
         right.append(closed[1] == (after is not None))
+        assert has_wall(first, STRETCH) == (before is not None)
+        assert has_wall(last, STRETCH) or after is None
     assert np.mean(right) >= least
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_wall_of_another_material_is_learned_within_twenty_hits(seed):
+def test_a_wall_of_another_material_is_learned_within_twenty_steps(seed):
     first, last = mapped("concrete", "glass", AFTER, seed)
     np.testing.assert_allclose(at(first.reflection, first), 0.7, atol=0.05)
     np.testing.assert_allclose(at(last.reflection, last), 0.3, atol=0.05)

@@ -148,7 +148,7 @@ def session(rerun, tmp_path_factory):
     scene = home / "short.toml"
     scene.write_text(shortened(gs.Scene.load("room"), STEPS, agents=AGENTS).to_toml())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        patch.setattr("gridslam.viewers.plots.draw_all", lambda folder, run=None: [])
         for words in (
             ["-o", str(home / "plain")],
             ["-o", str(home / "out"), "--rerun-to", str(home / "a.rrd")],

@@ -123,7 +123,7 @@ def test_agent_in_run_json_leads_nowhere_else(say, tmp_path, monkeypatch, outsid
     """A folder outside that has all files of an agent would be read, and a film written beside it."""
     Path("tiny.toml").write_text(TINY)
     with monkeypatch.context() as quick:
-        quick.setattr("gridslam.viewers.plots.draw_all", lambda folder: [])
+        quick.setattr("gridslam.viewers.plots.draw_all", lambda folder, run=None: [])
         assert say("run", "tiny.toml", "--particles", "100", "--agent", "agent1", "-o", "out").code == 0
     Path("out/agent1").rename("evil")
     name = str(tmp_path / "evil") if outside == "absolute" else outside

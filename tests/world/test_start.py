@@ -2,9 +2,11 @@
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 from tiny import TINY
 
 import gridslam as gs
@@ -111,7 +113,7 @@ def test_the_filter_begins_where_it_is_told(scene):
     slam.start_at(start.position_m, start.heading_rad)
     np.testing.assert_array_equal(slam.state.belief.mean, [*start.position_m, 0, 0, start.heading_rad])
     drawn = gs.map_scene(scene, measurements, seed=1, start=start)
-    own = gs.map_scene(scene, measurements, seed=1)
+    own = gs.map_scene(scene, measurements, seed=1, start="exact")
     assert (drawn.start, own.start) == ("drawn", "exact")
     np.testing.assert_array_equal(
         drawn.trajectory.position_m, [slam.step(scan).position_m for scan in measurements]
@@ -121,6 +123,38 @@ def test_the_filter_begins_where_it_is_told(scene):
         slam.start_at(start.position_m, 0.0)
     with pytest.raises(gs.InputError, match=r"start: .*nan.*finite"):
         gs.GridSlam(scene).start_at([np.nan, 0.0], 0.0)
+
+
+def test_python_draws_starts_of_what_was_simulated_and_takes_the_scenes_of_the_rest(scene, tmp_path):
+    heard = gs.simulate(scene, "agent1", 1)
+    heard.to_csv(tmp_path / "heard.csv")
+    recorded = gs.Measurements.from_csv(tmp_path / "heard.csv", scene.anchor_names)
+    own, drawn = assumed_start(scene, "agent1", 1, "exact"), assumed_start(scene, "agent1", 1)
+
+    def began(measurements, start=None):
+        run = gs.map_scene(scene, measurements, seed=1, start=start, particles=64)
+        return run.start, *run.began.position_m.tolist()
+
+    assert began(heard) == began(recorded, "drawn") == ("drawn", *drawn.position_m.tolist())
+    assert began(recorded) == ("scene", *own.position_m.tolist())
+    assert began(heard, "exact") == ("exact", *own.position_m.tolist())
+    assert began(recorded, (-1.0, 0.5, 0.2)) == ("told", -1.0, 0.5)
+    for wrong in ("vague", (1.0, 2.0), (1.0, 2.0, "north"), (1.0, 2.0, np.nan)):
+        with pytest.raises(gs.InputError, match=r"^start: found .*; allowed: drawn or exact"):
+            began(heard, wrong)
+
+
+def test_starts_of_several_agents_and_of_samples_follow_the_same_rule(tmp_path):
+    exchange = short("exchange", 2)
+    heard = gs.simulate(exchange, ("agent1", "agent3"), 1)
+    for starts, told in ((None, "drawn"), ("exact", "exact")):
+        runs = gs.map_network(exchange, heard, seed=1, starts=starts, particles=64).runs
+        assert {run.start for run in runs.values()} == {told}
+    recorded = replace(heard, table=replace(heard.table, simulated=None))
+    assert {run.start for run in gs.map_network(exchange, recorded, particles=64).runs.values()} == {"scene"}
+    samples = gs.simulate(short("screen", 2), "agent1", 1, what="signal")
+    samples.to_h5(tmp_path / "samples.h5")
+    assert gs.Recording.from_h5(tmp_path / "samples.h5").simulated == samples.simulated is not None
 
 
 @pytest.mark.slow
