@@ -50,7 +50,12 @@ def test_what_is_of_another_kind_is_refused(call, told):
         call()
 
 
-def test_complex_columns_of_a_scan_are_refused():
+def test_complex_columns_of_scans_and_tables_are_refused():
+    heard = gs.simulate(SCENE, "agent1", 1)
+    with pytest.raises(gs.InputError, match="distance_m: found complex"):
+        replace(heard, distance_m=heard.distance_m + 1j)
+    with pytest.raises(gs.InputError, match="distance_m: found complex"):
+        gs.Measurements.from_arrays({"A": [np.array([3 + 1j])]})
     with pytest.raises(gs.InputError, match="complex"):
         gs.GridSlam(SCENE).step(replace(SCAN, distance_m=SCAN.distance_m + 1j))
 
