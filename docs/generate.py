@@ -109,15 +109,14 @@ def methods_page() -> str:
     """All methods that are entered, with what they take and the papers they follow."""
     lines = ["# Methods", "", *MEANINGS["page"]["methods"].strip().splitlines(), ""]
     lines += [
-        "| `--method` | what it is | what it takes | starts from a map | model |",
-        "|---|---|---|---|---|",
+        "| `--method` | what it is | whose it is | what it takes | starts from a map | model |",
+        "|---|---|---|---|---|---|",
     ]
     for name, entry in METHODS.items():
         page = entry.page.removeprefix("docs/")
         kept = "yes" if entry.takes_map else "no"
-        lines.append(
-            f"| `{name}` | {entry.about} | {entry.measures} | {kept} | [{page.split('.')[0]}]({page}) |"
-        )
+        cells = entry.about, meaning("whose", name), entry.measures, kept, f"[{page.split('.')[0]}]({page})"
+        lines.append(f"| `{name}` | {' | '.join(cells)} |")
     for name in METHODS:
         lines += ["", f"## `{name}`", "", *meaning("methods", name).strip().splitlines()]
     return "\n".join(lines) + "\n"

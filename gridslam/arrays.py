@@ -36,6 +36,20 @@ def replace(value: Value, /, **changes: Any) -> Value:
     return made
 
 
+def real(values: object) -> Array:
+    """An array of float64; numpy would drop imaginary parts with a warning.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Complex numbers, or none.
+    """
+    array = np.asarray(values)
+    if array.dtype.kind == "c":
+        raise TypeError("complex numbers")
+    return array.astype(np.float64, copy=False)
+
+
 def put(array: NDArray[Any], rows: int | NDArray[np.intp], value: NDArray[Any] | float) -> NDArray[Any]:
     """A copy with other values in some rows."""
     fresh = array.copy()

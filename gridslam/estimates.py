@@ -17,6 +17,8 @@ from gridslam.world.observation import Observation
 
 ANY_SPEED_MPS = 10.0
 """Standard deviation of a velocity of which nothing is known."""
+ROUNDING = 1e-9
+"""Share of the largest by which rounding may put an eigenvalue of a covariance below 0."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +160,13 @@ class Estimate:
         Raises
         ------
         InputError
-            Arrays of other shapes.
+            Arrays of other shapes, numbers that aren't finite, or a covariance of negative variances.
         """
-        position, velocity = np.array(position_m, np.float64), np.array(velocity_mps, np.float64)
-        square = np.array(covariance, np.float64)
+        try:
+            position, velocity = np.array(position_m, np.float64), np.array(velocity_mps, np.float64)
+            square, heading = np.array(covariance, np.float64), float(heading_rad)
+        except (TypeError, ValueError) as error:
+            raise InputError("estimate", str(error), "numbers") from None
         if square.shape == (3, 3):
             whole = np.diag([0.0, 0.0, ANY_SPEED_MPS**2, ANY_SPEED_MPS**2, 0.0])
             whole[np.ix_([0, 1, 4], [0, 1, 4])] = square
@@ -175,8 +180,16 @@ class Estimate:
             if array.shape != shape:
                 allowed = "(5, 5) or (3, 3)" if name == "covariance" else str(shape)
                 raise InputError(f"estimate: {name}", f"shape {array.shape}", allowed)
+        for name, array in (*((n, a) for n, (a, _) in shapes.items()), ("heading_rad", np.array(heading))):
+            if not np.isfinite(array).all():
+                raise InputError(f"estimate: {name}", "NaN or infinity", "finite numbers")
+        values = np.linalg.eigvalsh(0.5 * (square + square.T))
+        if values[0] < -ROUNDING * max(values[-1], -values[0]):
+            raise InputError(
+                "estimate: covariance", f"an eigenvalue of {values[0]:.3g}", "none below 0: of variances"
+            )
         table = SurfaceEstimate.empty() if surfaces is None else surfaces
         return cls(
-            scan.step, scan.time_s, position, velocity, float(wrap(heading_rad)), square, table,
+            scan.step, scan.time_s, position, velocity, float(wrap(heading)), square, table,
             PathEstimate.empty() if paths is None else paths, np.ones(len(table), bool),
         )  # fmt: skip

@@ -14,6 +14,7 @@ import pytest
 from floors import FLOORS
 
 from gridslam.systems import grid
+from gridslam.systems.registry import METHODS
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -230,3 +231,20 @@ def test_faults_of_built_pages_are_found(tmp_path):
         "b.html: loads https://x.org/m.js",
     ]
     assert "python docs/check_pages.py build/docs" in (ROOT / ".ci/run").read_text()
+
+
+def test_defaults_of_filters_are_not_said_to_be_the_papers_where_they_differ():
+    page = (DOCS / "scene-file.md").read_text(encoding="utf-8")
+    assert "the defaults are the papers'" not in page
+    (row,) = re.findall(r"^\| `particles` \|.*$", page, re.M)
+    assert "`10000`" in row
+    assert "60 000" in row
+
+
+def test_every_method_says_whether_it_is_published_ours_or_a_variant():
+    page = (DOCS / "methods.md").read_text(encoding="utf-8")
+    whose = dict(re.findall(r"^\| `([\w-]+)` \| [^|]+ \| (published|ours|a variant)\b", page, re.M))
+    assert list(whose) == list(METHODS)
+    assert {name for name, kind in whose.items() if kind == "published"} == {
+        name for name, entry in METHODS.items() if ".published.refa" in entry.path or name.endswith("-paper")
+    }

@@ -42,7 +42,11 @@ def simulate(
         list[str] | None, typer.Option(help="default: the first; several go into one file")
     ] = None,
     unlabelled: Annotated[
-        bool, flag("--unlabelled", "nothing says which anchor a measurement is of")
+        bool,
+        flag(
+            "--unlabelled",
+            "nothing says which anchor a measurement is of; the scene's false_alarms count for all together",
+        ),
     ] = False,
     signal: Annotated[bool, flag("--signal", "sampled signals instead of paths, into FILE.h5")] = False,
     seed: Annotated[int, typer.Option(min=0)] = 0,

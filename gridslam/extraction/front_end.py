@@ -25,6 +25,7 @@ from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import QUANTITIES
+from gridslam.world.start import require_scene
 
 Complex = NDArray[np.complex128]
 STDS = "distance_std_m", "aod_std_rad", "aoa_std_rad"
@@ -71,8 +72,13 @@ def extract(
     Raises
     ------
     InputError
-        `false_alarms` isn't above 0, or the scene's anchors aren't the recording's.
+        No recording, `false_alarms` isn't above 0, or the scene's anchors aren't the recording's.
     """
+    if not isinstance(recording, Recording):
+        found = type(recording).__name__
+        raise InputError("extract", found, "a Recording, as gs.Recording.from_h5(path) returns")
+    if scene is not None:
+        require_scene(scene)
     rate = false_alarms if false_alarms is not None else scene.radio.false_alarms if scene else FALSE_ALARMS
     if not 0 < rate <= 10:
         raise InputError("false_alarms", str(rate), "a number above 0, at most 10")

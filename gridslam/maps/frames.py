@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.maps.map import Map
 from gridslam.maps.map_cells import ANCHOR_KEYS, anchors_of
 from gridslam.maps.run_identity import refuse_repeated_runs
 
 if TYPE_CHECKING:
-    from gridslam.maps.map import Map
     from gridslam.world.scene import Scene
 
 SAME_PLACE_M = 0.01
@@ -52,6 +52,17 @@ def assured(grid: Map, scene: Scene) -> Map:
     return replace(grid, provenance={**others, **marks})
 
 
+def require_map(grid: object, where: str) -> None:
+    """Refuse what is no map, its file's name above all.
+
+    Raises
+    ------
+    InputError
+    """
+    if not isinstance(grid, Map):
+        raise InputError(where, type(grid).__name__, "a Map, as gs.Map.load(path) returns")
+
+
 def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False) -> tuple[Map, str | None]:
     """Bring a map onto a scene's grid.
 
@@ -78,6 +89,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
         The map is of another frame or of one that can't be told, of cells whose size or lattice doesn't fit,
         or of another place; or it holds the evidence of a run twice.
     """
+    require_map(grid, where)
     refuse_repeated_runs(grid, where)
     places = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
     found = dict(anchors_of(grid.provenance))

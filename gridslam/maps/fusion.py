@@ -12,7 +12,7 @@ from scipy.special import softmax
 from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.maps.feature_fusion import merge_features
-from gridslam.maps.frames import refuse_lost, require_one_frame
+from gridslam.maps.frames import refuse_lost, require_map, require_one_frame
 from gridslam.maps.line_fusion import JointLines
 from gridslam.maps.map import Map
 from gridslam.maps.map_cells import blocks_of, joint_of
@@ -55,10 +55,14 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
         grids that are not on one lattice, or two maps that hold the evidence of the same run, be it that one
         was handed over to the agent of the other: it would count twice.
     """
+    if isinstance(maps, str) or not isinstance(maps, Iterable):
+        raise InputError("fuse", type(maps).__name__, "maps, as [gs.Map.load(path), ...]")
     given = list(maps)
     if not given:
         raise InputError("fuse", "no map", "one or more maps")
     called = [f"map {number + 1}" for number in range(len(given))] if names is None else names
+    for grid, name in zip(given, called, strict=True):
+        require_map(grid, name)
     refuse_lost(given, called)
     require_one_frame(given, called, same_frame)
     refuse_shared_runs(given, called)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gridslam.arrays import real
 from gridslam.errors import InputError
 from gridslam.world.columns import VALUES
 
@@ -77,7 +78,7 @@ def _counts(tables: Mapping[str, Quantity], anchors: tuple[str, ...], steps: int
 
 def _flat(name: str, quantity: Quantity, anchors: tuple[str, ...]) -> NDArray[np.float64]:
     try:
-        rows = [np.ravel(np.asarray(row, dtype=np.float64)) for anchor in anchors for row in quantity[anchor]]
+        rows = [np.ravel(real(row)) for anchor in anchors for row in quantity[anchor]]
     except (TypeError, ValueError) as error:
         raise InputError(f"measurements: {name}", str(error), "numbers, one per path") from error
     return np.concatenate([np.zeros(0), *rows])

@@ -103,6 +103,8 @@ class Measurements:
         for name, shape in shapes.items():
             if name in (*KEYS, *VALUES) or getattr(self, name) is not None:
                 kind = np.intp if name in ("step", "anchor") else np.float64
+                if np.iscomplexobj(getattr(self, name)):
+                    raise InputError(f"measurements: {name}", "complex numbers", "real ones")
                 arrays[name] = np.array(getattr(self, name), dtype=kind)
                 if arrays[name].shape != shape:
                     raise InputError(f"measurements: {name}", f"shape {arrays[name].shape}", f"shape {shape}")

@@ -24,7 +24,7 @@ from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.scene import Scene
-from gridslam.world.start import Start, start_of
+from gridslam.world.start import Start, require_scene, start_of
 
 SETTLED = 101
 """Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
@@ -174,8 +174,8 @@ def map_network(
         One agent's measurements, agents or anchors that aren't the scene's, negative distances where it has
         no clocks, a number of particles out of range, or a map of another frame.
     """
-    scene = scene if particles is None else scene.with_filter(particles=particles)
     check_network(scene, measurements)
+    scene = scene if particles is None else scene.with_filter(particles=particles)
     device, names = runtime.start(), measurements.agents
     system = method_class(method)
     if not issubclass(system, NetworkFront):
@@ -243,6 +243,7 @@ def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
     InputError
         The first that is found.
     """
+    require_scene(scene)
     if not isinstance(measurements, NetworkMeasurements):
         found = type(measurements).__name__
         raise InputError("measurements", found, "NetworkMeasurements of several agents (one: gs.map_scene)")

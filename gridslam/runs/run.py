@@ -47,7 +47,7 @@ class Run:
     map : Map
         The map at the end.
     seconds_per_step, peak_memory_mb : float
-        What the run cost.
+        What the run cost: the median time of a step, the greatest memory.
     interrupted : bool
         Whether it was stopped before the last measurement.
     began : Start

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 import time
 from collections.abc import Callable, Iterable, Sized
 from dataclasses import dataclass, field
@@ -35,20 +36,20 @@ class Steps(Generic[Estimated]):
     ----------
     estimates : list of Estimate or NetworkEstimate
         One for each.
-    seconds : float
-        Wall-clock time in all, of every process that had a part in it.
+    seconds : list of float
+        Wall-clock time of each, s.
     peak_memory_mb : float
         Greatest resident memory after a step, MiB.
     """
 
     estimates: list[Estimated] = field(default_factory=list)
-    seconds: float = 0.0
+    seconds: list[float] = field(default_factory=list)
     peak_memory_mb: float = 0.0
 
     @property
     def seconds_per_step(self) -> float:
-        """Wall-clock time of a step in the mean."""
-        return self.seconds / len(self.estimates)
+        """Median wall-clock time of a step: the first ones also compile kernels, once for all runs."""
+        return statistics.median(self.seconds)
 
 
 def begun(
@@ -104,11 +105,12 @@ def run_steps(
     KeyboardInterrupt
         Asked to stop a second time.
     """
-    estimates, peak = list(before.estimates), before.peak_memory_mb
-    began = time.perf_counter() - before.seconds
+    estimates, seconds, peak = list(before.estimates), list(before.seconds), before.peak_memory_mb
     with asked_to_stop() as stopped:
         for scan in islice(iter(scans), len(estimates), None):
+            began = time.perf_counter()
             estimates.append(step(scan))
+            seconds.append(time.perf_counter() - began)
             peak = max(peak, psutil.Process().memory_info().rss / MIB)
             try:
                 if progress is not None:
@@ -118,9 +120,9 @@ def run_steps(
             except KeyboardInterrupt:
                 stopped.set()
             if checkpoint is not None:
-                checkpoint.keep(slam, estimates, time.perf_counter() - began, peak, now=stopped.is_set())
+                checkpoint.keep(slam, estimates, seconds, peak, now=stopped.is_set())
             if stopped.is_set():
                 break
     if not estimates:
         raise InputError("measurements", "no step", "at least one step")
-    return Steps(estimates, time.perf_counter() - began, peak)
+    return Steps(estimates, seconds, peak)

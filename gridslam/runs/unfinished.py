@@ -26,7 +26,7 @@ from gridslam.runs.pieces import OfOne, OfSeveral, Pieces, exact_json
 from gridslam.runs.reservation import Place
 from gridslam.world.scene import Scene
 
-FORMAT, VERSION = "gridslam-unfinished", 1
+FORMAT, VERSION = "gridslam-unfinished", 2
 ANEW = "what a run of this version wrote (or a new run with --overwrite)"
 
 
@@ -48,14 +48,14 @@ class Progress:
         Steps that it has measurements of.
     pieces : list of int
         Step after the last one of each piece of its estimates; the last of them is that of the filter.
-    seconds, peak_mb : float; s, MiB
-        What it cost so far.
+    seconds, peak_mb : list of float, float; s, MiB
+        What each step took, and all of them at most.
     """
 
     name: str
     total: int
     pieces: list[int] = field(default_factory=list)
-    seconds: float = 0.0
+    seconds: list[float] = field(default_factory=list)
     peak_mb: float = 0.0
 
     @property
@@ -260,7 +260,7 @@ class AgentCheckpoint:
         return system.resume(self._filter(self.progress.done)), estimates
 
     def keep(
-        self, slam: Savable, estimates: Sequence[Any], seconds: float, peak_mb: float, now: bool = False
+        self, slam: Savable, estimates: Sequence[Any], seconds: list[float], peak_mb: float, now: bool = False
     ) -> None:
         """Write a checkpoint after a step, if one is due or wanted now.
 
@@ -268,8 +268,8 @@ class AgentCheckpoint:
         ----------
         estimates : sequence of Estimate or NetworkEstimate
             Of all steps so far.
-        seconds, peak_mb : float; s, MiB
-            What the agent cost so far.
+        seconds, peak_mb : list of float, float; s, MiB
+            As those of `Progress`.
 
         Raises
         ------
@@ -289,7 +289,7 @@ class AgentCheckpoint:
             known = {path.name: _checksum(path) for path in (*new, state)}
         except OSError as error:
             raise cannot_write(state, error) from error
-        after = replace(before, pieces=[*before.pieces, done], seconds=seconds, peak_mb=peak_mb)
+        after = replace(before, pieces=[*before.pieces, done], seconds=list(seconds), peak_mb=peak_mb)
         old = self._filter(before.done).name if before.done else ""
         self.run._commit([*self.run.agents[: self.number], after], known, old)
 

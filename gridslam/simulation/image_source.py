@@ -27,6 +27,7 @@ from gridslam.wording import counted
 from gridslam.world.columns import OPTIONAL, VALUES
 from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
 from gridslam.world.scene import Scene
+from gridslam.world.start import require_scene
 from gridslam.world.trajectory import Trajectory
 
 __all__ = [
@@ -169,6 +170,7 @@ def _plausible(
 
 def ground_truth(scene: Scene, agent: str, track: Trajectory | None = None) -> Truth:
     """Track (default: the scene's), visible paths and walls of an agent, for scoring."""
+    require_scene(scene)
     track = scene.track(agent) if track is None else track
     return Truth(track, true_paths(scene, agent, track), scene.segments())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, overload
 
 from gridslam.errors import InputError
@@ -13,6 +14,7 @@ from gridslam.simulation import image_source, network
 from gridslam.simulation.samples import simulate_samples
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
+from gridslam.world.start import require_scene
 
 Names = list[str] | tuple[str, ...]
 
@@ -56,8 +58,8 @@ def simulate(
     Raises
     ------
     InputError
-        No such agent, one without waypoints, several whose steps take different times, or a scene that
-        samples no signals.
+        No scene or such agent, one without waypoints, several whose steps take different times, or a scene
+        that samples no signals.
 
     Examples
     --------
@@ -68,6 +70,9 @@ def simulate(
     >>> gs.simulate(gs.Scene.load("screen"), "agent1", seed=1, what="signal").samples.shape
     (190, 1, 1, 4, 81)
     """
+    require_scene(scene)
+    if agent is not None and not isinstance(agent, Sequence):
+        raise InputError("agent", repr(agent), "an agent's name, or a list of names")
     if what == "signal":
         if not isinstance(agent, str):
             raise InputError("agent", repr(list(agent)), "one agent's name: a recording is one agent's")

@@ -158,7 +158,7 @@ def draw_mospa(own: Sequence[Batch]) -> Figure | None:
         number_of = batch.mapped(batch.mean("surfaces"))
         if not np.isnan(number_of).all():
             count.plot(number_of, color=color, ls=style, lw=1.3)
-    draw_bound(distance, [batch.benchmark.mospa_m for batch in own], "mapping error bound")
+    draw_bound(distance, [batch.benchmark.mospa_at_bounds_m for batch in own], "mean of the walls' bounds")
     draw_bound(count, [batch.benchmark.surfaces for batch in own], "surfaces that are there", KNOWN)
     for axes, label in (
         (distance, "MOSPA of\nthe surfaces (m)"),

@@ -22,9 +22,10 @@ from gridslam.maps.map import Map
 from gridslam.maps.run_identity import Identity, refuse_heard
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.observation import Kind, Observation
-from gridslam.world.scan import require_step
+from gridslam.world.scan import Scan, require_step
 from gridslam.world.scene import Scene
-from gridslam.world.start import require_seed
+from gridslam.world.signal_scan import SignalScan
+from gridslam.world.start import require_scene, require_seed
 
 Observed = TypeVar("Observed", bound=Observation)
 Believed = TypeVar("Believed")
@@ -83,6 +84,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         seed: int = 0,
         same_frame: bool = False,
     ) -> None:
+        require_scene(scene)
         require_seed(seed)
         asked = scene.filter.representation
         if asked == "particles" and not self.by_particles:
@@ -267,3 +269,18 @@ def _provenance(prior: Map | None) -> dict[str, list[Any]]:
     names = earlier.get("told")
     truth = {"told": list(names)} if isinstance(names, list) else {}
     return known | truth | {"runs": [""] * unknown + known["runs"]}
+
+
+def require_paths(scan: object, system: object) -> None:
+    """Refuse what is no scan of path measurements.
+
+    Raises
+    ------
+    InputError
+    """
+    if isinstance(scan, Scan):
+        return
+    sampled = isinstance(scan, SignalScan)
+    found = "sampled signals" if sampled else type(scan).__name__
+    more = ": gridslam extract makes them of signals" if sampled else ""
+    raise InputError(f"{type(system).__name__}.step", found, f"path measurements, a Scan{more}")

@@ -10,7 +10,6 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.inference.management.features.left_features import left_features
@@ -33,7 +32,7 @@ from gridslam.inference.state.surface_bank import FRESH_SINGLE, SETTLED
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
-from gridslam.systems.filter_front import FilterFront, Moment
+from gridslam.systems.filter_front import FilterFront, Moment, require_paths
 from gridslam.systems.soundness import require_sound_population
 from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.geometry import wrap
@@ -42,7 +41,7 @@ from gridslam.world.observation import Observation
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
-from gridslam.world.signal_scan import SignalScan
+from gridslam.world.start import require_scene
 
 Mapped = TypeVar("Mapped", State, NetworkState)
 Observed = TypeVar("Observed", bound=Observation)
@@ -186,13 +185,12 @@ class SurfaceFilter(SurfaceFront[Scan]):
         seed: int = 0,
         same_frame: bool = False,
     ) -> None:
+        require_scene(scene)
         require_known_clocks(scene, agent)
         super().__init__(scene, prior_map, agent, seed, same_frame)
 
     def _checked(self, scan: Scan, after: float | None) -> Scan:
-        if isinstance(scan, SignalScan):
-            allowed = "path measurements, a Scan: gridslam extract makes them of signals"
-            raise InputError(f"{type(self).__name__}.step", "sampled signals", allowed)
+        require_paths(scan, self)
         return scan.checked(len(self.scene.anchors), after)
 
     def _advanced(self, scan: Scan) -> tuple[Population[State], StepInfo]:

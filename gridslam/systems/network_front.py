@@ -28,7 +28,7 @@ from gridslam.world.network_scan import NetworkScan
 from gridslam.world.network_scene import network_model, require_agents
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
-from gridslam.world.start import Start
+from gridslam.world.start import Start, require_scene
 
 Believed = TypeVar("Believed")
 
@@ -50,6 +50,7 @@ class NetworkFront(FilterFront[NetworkScan, Believed]):
         same_frame: bool = False,
         agents: Sequence[str] | None = None,
     ) -> None:
+        require_scene(scene)
         self._names = list(agents) if agents is not None else agent.split(",") if agent else None
         if self._names is not None:
             require_agents(scene, self._names)

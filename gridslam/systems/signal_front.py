@@ -13,6 +13,7 @@ from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
+from gridslam.world.start import require_scene
 from gridslam.world.waveform import Waveform
 
 Believed = TypeVar("Believed")
@@ -54,6 +55,7 @@ class SignalFilter(FilterFront[SignalScan, Believed]):
         same_frame: bool = False,
         waveform: Waveform | None = None,
     ) -> None:
+        require_scene(scene)
         scene.filter_model(agent)  # whoever isn't there is told first
         scene.require_planar()
         self.waveform = scene.waveform(agent) if waveform is None else waveform

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, real
 from gridslam.errors import InputError
 from gridslam.world.columns import DEVIATIONS, ELEVATIONS, OPTIONAL, VALUES, check_columns
 
@@ -99,7 +99,7 @@ class Scan:
                 raise ValueError("anchors are indices")
             anchor = anchor.astype(np.intp, copy=False)
             given |= {n: np.full(anchor.shape, np.nan) for n in VALUES if given[n] is None}
-            columns = {n: np.asarray(v, np.float64) for n, v in given.items() if v is not None}
+            columns = {n: real(v) for n, v in given.items() if v is not None}
         except (TypeError, ValueError, OverflowError) as error:
             raise InputError("scan", str(error), "columns of numbers") from None
         for name, column in columns.items():

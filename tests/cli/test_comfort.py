@@ -26,6 +26,12 @@ def test_version_and_help_are_told(say, words):
     assert (f"gridslam {version('gridslam')}" if words == ("--version",) else "Usage:") in result.out
 
 
+def test_help_says_whose_false_alarms_are_without_labels(say):
+    assert "false_alarms count for all together" in " ".join(
+        say("simulate", "-h").out.replace("│", "").split()
+    )
+
+
 @pytest.mark.slow
 def test_module_is_the_command_line(tmp_path):
     done = subprocess.run(

@@ -11,6 +11,7 @@ import gridslam as gs
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, truth_of, with_truth
 from gridslam.maps.frames import fitted, stamped
 from gridslam.runs.progress import progress_bar
+from gridslam.runs.steps import Steps, run_steps
 from gridslam.world.trajectory import Trajectory
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -214,3 +215,16 @@ def test_samples_have_a_bound_of_their_own_with_and_without_the_map(name):
     own, paths = (known_bound(scene, "agent1", truth, takes) for takes in ("signal", "paths"))
     assert not np.allclose(own.position_m, paths.position_m, rtol=0.01)
     assert np.isfinite(own.position_m).all()
+
+
+def test_time_of_a_step_is_that_of_most_steps_not_of_those_that_compile(monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("gridslam.runs.steps.time.perf_counter", lambda: clock[0])
+
+    def step(scan):
+        clock[0] += 9.0 if scan < 2 else 0.5
+        return scan
+
+    done = run_steps(step, None, range(9), Steps(), None, None, None)
+    assert sum(done.seconds) == 21.5
+    assert done.seconds_per_step == 0.5

@@ -49,7 +49,7 @@ def test_tables_add_up(scene, tmp_path):
     inherited = found[1].benchmark
     assert (inherited.surface_since == 0).all()
     assert inherited.unknown.surface_m.shape[1] == len(inherited.surface_since) == 4
-    assert (inherited.mospa_m < 5).all()
+    assert (inherited.mospa_at_bounds_m < 5).all()
     (row, _) = summary_rows(found)
     assert row["nees_in_band"] == 1
     assert row["ray_excess"] == 1
@@ -65,15 +65,20 @@ def test_tables_add_up(scene, tmp_path):
     late = summary_rows(found)[0]
     assert (late["surface_ospa_m"], np.isnan(late["image_ospa_m"])) == (pytest.approx(0.04), True)
     assert row["likely_ray_excess"] >= 1
-    assert row["position_rmse_m"] == pytest.approx(0.02 * np.sqrt(7.5))
-    assert row["position_to_bound"] < row["position_to_known_map_bound"]
+    assert row["position_settled_rmse_m"] == pytest.approx(0.02 * np.sqrt(7.5))
+    assert row["position_to_unknown_map_bound"] < row["position_to_known_map_bound"]
     assert len(step_rows(found)) == 3 + 2
     assert step_rows(found)[0]["heading_p90_deg"] == pytest.approx(np.degrees(0.01))
+    told = dict[str, set[str]]()
     for path in write_tables(tmp_path, found):
         with path.open(newline="") as file:
             rows = list(csv.DictReader(file))
+        told[path.stem] = set(rows[0])
         assert {row["agent"] for row in rows} == set(AGENTS)
         assert all(len(row) == len(rows[0]) and None not in row for row in rows)
+    assert {f"position_{of}_map_bound_m" for of in ("known", "unknown")} <= told["steps"]
+    assert not told["steps"] & {"position_bound_m", "heading_bound_deg", "mospa_bound_m"}, "run.json's: known"
+    assert not (told["runs"] | told["steps"]) & {name for name in told["summary"] if "rmse" in name}
     with (tmp_path / "runs.csv").open(newline="") as file:
         first, *_ = csv.DictReader(file)
     assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
@@ -86,7 +91,7 @@ def test_heading_that_nothing_tells_of_is_left_out_as_in_runs(scene, tmp_path):
     (row,) = summary_rows(found)
     assert np.isnan([value for name, value in row.items() if name.startswith("heading")]).all()
     assert np.isnan([value for name, value in step_rows(found)[0].items() if "heading" in name]).all()
-    assert row["position_rmse_m"] > 0
+    assert row["position_settled_rmse_m"] > 0
     labels = [axes.get_ylabel() for draw in (draw_errors, draw_consistency) for axes in draw(found).axes]
     assert labels == ["position RMSE (cm)", "mean NEES of position"]
     assert len(draw_cdf(found).axes) == 1
@@ -96,7 +101,7 @@ def test_figures_say_in_their_legends_what_each_line_is(scene, tmp_path):
     found = batches(run_study(plan(scene, 2, agents=("agent1",)), tmp_path / "s", Here()))
     for draw, titles in (
         (draw_errors, {"known-map bound", "unknown-map bound", "80 % of the runs"}),
-        (draw_mospa, {"mapping error bound", "surfaces that are there", "80 % of the runs"}),
+        (draw_mospa, {"mean of the walls' bounds", "surfaces that are there", "80 % of the runs"}),
         (draw_rays, {"true paths", "sum of the paths' beliefs"}),
         (draw_surfaces, {"mapping error bound", "share of runs that have it (right axes)"}),
         (draw_consistency, {"mean of a consistent filter", "95 % band of a consistent filter"}),
@@ -144,10 +149,10 @@ def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutof
         np.ones((2, 3), bool),
     )
     assert mark.surfaces.tolist() == [2, 2, 3]
-    np.testing.assert_allclose(mark.mospa_m, [3.0, 2.75, 0.6])
+    np.testing.assert_allclose(mark.mospa_at_bounds_m, [3.0, 2.75, 0.6])
     bent = replace(mark, curve=np.array([-1, 7, 7]))  # two facets of one wall
     assert bent.surfaces.tolist() == [2, 2, 2]
-    np.testing.assert_allclose(bent.mospa_m, [3.0, 2.75, 0.45])
+    np.testing.assert_allclose(bent.mospa_at_bounds_m, [3.0, 2.75, 0.45])
 
 
 def test_errors_while_hidden_are_drawn_beside_what_is_claimed_of_methods_on_samples():

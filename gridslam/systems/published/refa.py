@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.inference.management.published.particle_readout import (
     agent_moments,
@@ -34,7 +33,7 @@ from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.published.feature_particles import Features, ImageState
 from gridslam.inference.state.state import FRESH_SIGHT
 from gridslam.maps.map import Map
-from gridslam.systems.filter_front import FilterFront
+from gridslam.systems.filter_front import FilterFront, require_paths
 from gridslam.systems.front import bare_map
 from gridslam.systems.published.soundness import require_sound_particles
 from gridslam.world.filter_model import FilterModel, detected
@@ -42,7 +41,7 @@ from gridslam.world.network_scene import require_known_clocks
 from gridslam.world.radio import BINS
 from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
-from gridslam.world.signal_scan import SignalScan
+from gridslam.world.start import require_scene
 
 
 def start(model: FilterModel, prior: Map | None = None) -> ImageState:
@@ -115,6 +114,7 @@ class PublishedVirtualAnchorSlam(FilterFront[Scan, ImageState]):
         seed: int = 0,
         same_frame: bool = False,
     ) -> None:
+        require_scene(scene)
         require_known_clocks(scene, agent)
         scene.require_planar()
         super().__init__(scene, prior_map, agent, seed, same_frame)
@@ -123,9 +123,7 @@ class PublishedVirtualAnchorSlam(FilterFront[Scan, ImageState]):
         return self.seed
 
     def _checked(self, scan: Scan, after: float | None) -> Scan:
-        if isinstance(scan, SignalScan):
-            allowed = "path measurements, a Scan: gridslam extract makes them of signals"
-            raise InputError(f"{type(self).__name__}.step", "sampled signals", allowed)
+        require_paths(scan, self)
         return scan.checked(len(self.model.anchors), after)
 
     @staticmethod
