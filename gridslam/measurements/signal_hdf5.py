@@ -27,7 +27,7 @@ def write_signal(path: str | os.PathLike[str], content: dict[str, Any]) -> None:
     samples = content["samples"]
     with writing_h5(path, KIND) as file:
         signal = file.create_group("signal")
-        if content["simulated"] is not None:
+        if content.get("simulated") is not None:
             content["simulated"].put(signal)
         put(signal, "samples", _parts(samples).astype(np.float32), "any")
         signal["samples"].attrs["carrier_hz"] = content["carrier_hz"]
