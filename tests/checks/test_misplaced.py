@@ -37,6 +37,7 @@ def test_the_anchor_is_named_and_where_it_stands_and_no_clock_or_start():
     assert found[0][1].certain
 
 
+@pytest.mark.slow
 def test_strays_over_walls_change_nothing():
     """Lines of sight of one anchor that come over a wall at every third step, as behind a pillar."""
     table = gs.simulate(HALL, "agent1", 52)
@@ -47,6 +48,7 @@ def test_strays_over_walls_change_nothing():
     assert "anchor A stands near" in item.text
 
 
+@pytest.mark.slow
 def test_an_offset_is_still_an_offset():
     table = gs.simulate(HALL, "agent1", 53)
     late = replace(table, distance_m=table.distance_m + 1.5 * (table.anchor == 1))
