@@ -13,7 +13,7 @@ from dataclasses import replace as changed
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.belief import Belief, solved
 from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
@@ -51,9 +51,8 @@ def without_turn(state: State, model: FilterModel) -> State:
         return state
     belief = state.belief
     way = direction(belief, model.places[0, :2])
-    root = belief.root
-    told = float(np.square(np.linalg.solve(root, way)).sum())
-    held = max(1 / told - LEFT, 0.0)
+    known = float(way @ solved(belief.covariance, way[:, None])[:, 0])
+    held = max(1 / known - LEFT, 0.0)
     return replace(_wider(state, way, -held), turn_variance=held)
 
 

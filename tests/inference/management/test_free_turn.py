@@ -105,6 +105,16 @@ def test_what_is_held_out_is_all_that_is_believed_about_the_turn(model, seed):
     np.testing.assert_allclose(with_turn(held, model).belief.covariance, state.belief.covariance, atol=1e-9)
 
 
+def test_what_is_known_exactly_breaks_nothing(model):
+    """A wall without any doubt, as a map may hand it down: the covariance has no inverse, all stays."""
+    state = drawn_state(model, 2)
+    exact = state.belief.covariance.copy()
+    exact[5:7], exact[:, 5:7] = 0.0, 0.0
+    held = without_turn(replace(state, belief=replace(state.belief, covariance=exact)), model)
+    assert held.turn_variance == 0
+    np.testing.assert_array_equal(held.belief.covariance, exact)
+
+
 def test_departures_put_it_back_and_a_second_anchor_tells_it(model):
     state = drawn_state(model, 1)
     before = Population.of(state)
