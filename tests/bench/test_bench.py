@@ -100,6 +100,7 @@ def test_progress_tells_every_part_once(quick):
     assert len(progress) == len(speed.steps) + 3
 
 
+@pytest.mark.slow
 def test_watching_changes_nothing_for_the_filter():
     scene = shortened(gs.Scene.load("room"), 4).with_filter(particles=128)
     plain, watched = gs.GridSlam(scene, seed=3), gs.GridSlam(scene, seed=3)

@@ -41,6 +41,7 @@ def test_what_is_measured_is_no_filler():
     assert fillers(np.zeros(0)) == []
 
 
+@pytest.mark.slow
 def test_fillers_in_degrees_are_named_as_they_are_written(tmp_path):
     path = tmp_path / "heard.csv"
     Measurements(**COLUMNS, anchors=("A", "B")).to_csv(path)

@@ -55,6 +55,7 @@ def test_a_hint_of_decibels_is_no_certainty(heard, sight, monkeypatch):
     assert named(20 * np.log10(heard.amplitude) + 20, sight) == [("dB", False)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_by_distances_alone_reflections_accuse_no_amplitudes(seed):
     """In a scene without walls they pass for lines of sight: amplitudes seemed powers, 3 to 4 dB off."""

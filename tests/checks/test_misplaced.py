@@ -26,6 +26,7 @@ def kinds(scene, table):
     return [(item.kind, item) for item in suspicions(columns, table.anchors, scene, "agent1")]
 
 
+@pytest.mark.slow
 def test_the_anchor_is_named_and_where_it_stands_and_no_clock_or_start():
     table = gs.simulate(CANYON, "agent1", 51)
     found = kinds(told_elsewhere(CANYON, 0, (0.8, -0.6)), table)
@@ -64,6 +65,7 @@ def test_right_places_are_not_doubted(name):
     assert "place" not in [kind for kind, _ in kinds(scene, gs.simulate(scene, "agent1", 54))]
 
 
+@pytest.mark.slow
 def test_check_and_run_say_so_in_one_line(tmp_path):
     scene, table = told_elsewhere(CANYON, 2, (-0.7, 0.7)), gs.simulate(CANYON, "agent1", 55)
     table.to_csv(tmp_path / "heard.csv")

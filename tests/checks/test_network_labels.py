@@ -49,6 +49,7 @@ def still(scene, names=("agent1", "agent3"), **clocks):
     return gs.Scene.checked(whole, "still")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["exchange", "annex"])
 def test_what_fits_is_not_suspected(name):
     whole = gs.Scene.checked(short(name), "short")
@@ -59,6 +60,7 @@ def test_what_fits_is_not_suspected(name):
         assert label_and_clock_lines(measurements.without_labels(), whole) == []
 
 
+@pytest.mark.slow
 def test_exchanged_labels_of_one_agent_or_of_all_are_named(scene, measurements):
     def exchange(anchor, mine):
         one, other = mine & (anchor == 1), mine & (anchor == 2)
@@ -96,12 +98,14 @@ def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, measurem
     assert all("prior in [clocks] is too narrow" in line for line in narrow)
 
 
+@pytest.mark.slow
 def test_too_few_lines_of_sight_say_nothing(scene, measurements):
     bare = replace(measurements.table, aod_rad=np.full_like(measurements.table.aod_rad, np.nan))
     lines = label_and_clock_lines(replace(measurements, table=bare), scene)
     assert lines == ["  agent1, agent3: too few lines of sight to judge labels and clocks by"]
 
 
+@pytest.mark.slow
 def test_check_says_so_and_leaves_exit_code_1(say, scene, measurements, tmp_path):
     (tmp_path / "s.toml").write_text(scene.to_toml())
     swapped = relabelled(measurements, lambda anchor: np.copyto(anchor, np.array([1, 0, 2, 3])[anchor]))

@@ -164,6 +164,7 @@ def test_damaged_file_is_refused_in_one_line(say, made, name, spoil):
     assert (result.code, len(result.complaints)) == (2, 1), result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "says"),
     [

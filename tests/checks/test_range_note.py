@@ -32,6 +32,7 @@ def test_clocks_that_are_off_are_named_with_sign_size_and_cure(metres, anchor, w
     assert "[clocks]" in note
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [13, 14])
 def test_right_distances_are_not_named(seed):
     assert range_note(ROOM, "agent1", gs.simulate(ROOM, "agent1", seed=seed)) is None
@@ -46,6 +47,7 @@ def test_nothing_is_said_where_nothing_can_be_known():
     assert range_note(ROOM, "agent1", replace(late(measurements, 1.5), anchors=("A", "C"))) is None
 
 
+@pytest.mark.slow
 def test_without_walls_an_offset_is_named_too():
     """Which anchors are hidden nobody knows there: evidence decides."""
     bare = gs.Scene.checked({**ROOM.model_dump(exclude_none=True), "walls": []}, "bare")

@@ -60,6 +60,7 @@ def test_anchors_that_are_in_sight_are_judged(seen):
     assert "not judged" not in verdict.verdict(table, np.arange(2), SCENE, "agent1")
 
 
+@pytest.mark.slow
 def test_distances_alone_are_said_to_be_for_methods_that_can_use_them(seen, tmp_path):
     measured = gs.simulate(SCENE, "agent1", 1)
     empty = np.full(len(measured.step), np.nan)

@@ -110,6 +110,7 @@ def test_later_agents_are_judged_by_the_tracks_of_all_so_far(say, short_room, no
     assert len(own.paths) > 0
 
 
+@pytest.mark.slow
 def test_export_of_a_map_without_free_cells_notes_that_no_planner_can_use_it(say):
     gs.Map.of_scene(gs.Scene.load("room")).save("blank.h5")
     result = say("export", "blank.h5", "-o", "robot")

@@ -101,6 +101,7 @@ def test_a_map_of_whoever_was_told_the_truth_says_so(say, tmp_path):
     assert "whoever made it was told the true walls and scatterers" in result.err
 
 
+@pytest.mark.slow
 @runs
 def test_measurements_that_a_map_holds_already_are_refused(say, short_room):
     first = ("run", short_room, "--agent", "agent1")

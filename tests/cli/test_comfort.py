@@ -114,6 +114,7 @@ def test_other_columns_of_a_table_are_passed_over_and_noted(say):
     assert "distance_m (nearest known)" in say("check", "wrong.csv").err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_measurements_that_make_a_filter_unwell_point_to_check(say, short_room):
     measurements = gs.simulate(gs.Scene.load(short_room), "agent1")
@@ -123,6 +124,7 @@ def test_measurements_that_make_a_filter_unwell_point_to_check(say, short_room):
     assert f"is told by: gridslam check heard.csv --scene {short_room}" in result.out
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
 def test_a_table_says_which_simulation_it_is_of_and_a_run_by_another_scene_or_agent_notes_it(say, short_room):
     result = say("simulate", short_room, "--seed", 3, "-o", "heard.h5")
@@ -141,6 +143,7 @@ def test_a_table_says_which_simulation_it_is_of_and_a_run_by_another_scene_or_ag
         assert result.err.count("note: heard.h5: simulated in room, agent1, seed 3, and taken for ") == noted
 
 
+@pytest.mark.slow
 def test_check_without_a_scene_says_what_it_could_not_tell(say, tmp_path):
     scene = shortened(gs.Scene.load("room"), 5)
     gs.simulate(scene, "agent1", 1).to_csv("heard.csv")
@@ -252,6 +255,7 @@ def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say):
         assert len(named) == times
 
 
+@pytest.mark.slow
 def test_a_runs_folder_stands_for_its_map(say, tmp_path):
     from gridslam.cli.options import map_in
 

@@ -70,6 +70,7 @@ def test_notebooks_get_a_picture_that_loads_nothing(run, shown, tmp_path):
     assert "http" not in page
 
 
+@pytest.mark.slow
 def test_plot_of_a_method_without_cells_speaks_of_none(run):
     """Its cells aren't unexplored: there are none."""
     measurements = gs.simulate(run.scene, "agent1", 1)
@@ -164,6 +165,7 @@ def test_names_of_anchors_stand_clear_of_walls_and_inside():
     assert side_of(np.array([12.5, 5.5]), bare, shown).tolist() == [-1, -1]
 
 
+@pytest.mark.slow
 def test_pictures_of_many_cells_take_little_beside_the_map_itself():
     rng, shape = np.random.default_rng(1), (1000, 1000)
     grid = replace(gs.Map.blank((0, 0), 0.1, shape, 0.1), observed=rng.random(shape) < 0.5)

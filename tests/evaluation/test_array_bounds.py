@@ -1,6 +1,7 @@
 """Bounds on samples of arrays: against those of single antennas and of paths, and what overlap costs."""
 
 import numpy as np
+import pytest
 from array_snapshots import band_of
 
 import gridslam as gs
@@ -23,6 +24,7 @@ def short(steps=12, **radio):
     return gs.Scene.checked(data, "chamber")
 
 
+@pytest.mark.slow
 def test_one_antenna_is_the_information_of_distances():
     single = ArrayBand(BAND.wavenumber, BAND.pulse, np.zeros((1, 2)), np.zeros((1, 2)))
     path = np.array([[3.0, 0.4, 1.0], [3.6, 0.4, 1.0]])

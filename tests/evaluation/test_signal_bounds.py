@@ -57,6 +57,7 @@ def test_bound_without_overlap_is_that_of_ranges(room):
     np.testing.assert_allclose(found, kalman(scene, direct, deviation), rtol=2e-2)
 
 
+@pytest.mark.slow
 def test_overlap_and_an_unknown_map_cost(room):
     scene, paths = room
     known = signal_bound(scene, "agent1", BAND, True, paths, draws=2)
@@ -92,6 +93,7 @@ def _seeming(paths):
     )
 
 
+@pytest.mark.slow
 def test_scores_of_a_run_on_samples_have_this_bound_and_no_heading():
     data = gs.Scene.load("overlap").model_dump(exclude_none=True)
     data["agents"][0]["steps"] = 5

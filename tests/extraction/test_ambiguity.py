@@ -47,6 +47,7 @@ def anywhere(count, seed):
     return np.stack([length, np.zeros(count), angle], -1)[:, None]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snr_db", [15, 20, 30])
 def test_no_angle_is_told_that_may_be_the_opposite_and_others_are_as_good_as_claimed(snr_db):
     error, is_open = judged(band_of(0.5), anywhere(400, 1), snr_db, 2)
@@ -57,6 +58,7 @@ def test_no_angle_is_told_that_may_be_the_opposite_and_others_are_as_good_as_cla
     assert np.sqrt(np.mean(error[~is_open & ~wrong] ** 2)) == pytest.approx(1.1, abs=0.25)
 
 
+@pytest.mark.slow
 def test_arrays_that_tell_all_directions_lose_none():
     for spacing, size in ((0.4, 2), (0.25, 3)):
         error, is_open = judged(band_of(spacing, size), anywhere(300, 3), 20, 4)

@@ -71,6 +71,7 @@ def test_noise_alone_passes_as_often_with_arrays():
     assert find_paths(band, noise_of(band, 300, 4), 0.1).count.mean() == pytest.approx(0.1, abs=0.07)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snr", [13, 20, 30])
 def test_a_lone_path_is_found_with_the_error_that_is_claimed_and_that_is_possible(snr):
     band = band_of()
@@ -271,6 +272,7 @@ def test_paths_that_are_needed_no_longer_beside_later_ones_are_taken_out(monkeyp
     assert right > (find_paths(band, samples, 0.1).count == 6).mean() + 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 1e-5])
 def test_paths_that_melt_into_one_do_not_cancel_with_amplitudes_beyond_the_strongest_peak(scale):
     band = band_of()

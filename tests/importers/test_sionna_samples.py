@@ -79,6 +79,7 @@ def test_samples_are_the_sum_of_all_paths_in_space(scene):
     np.testing.assert_allclose(of_paths(paths, scene), expected, atol=2e-5 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_the_power_of_thousands_of_scattered_paths_is_all_there():
     paths = traced(2 * CHUNK + 7, seed=1)
     power = (paths.a[0] ** 2 + paths.a[1] ** 2)[:, 0, 0, 0, :-2].sum(1)

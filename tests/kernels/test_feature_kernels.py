@@ -41,6 +41,7 @@ def test_slopes_are_those_of_the_covariance_of_all_samples(seed, features):
     assert np.isnan(some[:, :-1]).all()  # untouched
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [0, 3, 1, 2], [0, 1, 4, 2, 3]])
 def test_antennas_that_mirror_each_other_or_do_not_are_heard_alike(order):
     # whether one stands for both or not: in pairs, in another order, and with one in the middle
@@ -102,6 +103,7 @@ def test_many_steps_of_adam_are_those_of_the_twin(kind):
     np.testing.assert_allclose(value, twins[2], rtol=1e-3, atol=0.05)
 
 
+@pytest.mark.slow
 def test_an_ascent_in_several_launches_is_that_in_one():
     one, kind = world(4, particles=11), np.array([1, 2], np.int32)
     for whole, parts in zip(one.climb(kind, PLAN, [7]), one.climb(kind, PLAN, [3, 1, 3]), strict=True):

@@ -73,6 +73,7 @@ def test_path_evaluation_equals_its_twin(seed):
     np.testing.assert_allclose(weight[sure], expected[sure], rtol=5e-3, atol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("surfaces", [1, 3])
 def test_path_evaluation_without_any_measurement_still_tells_what_is_possible(surfaces):
     draw = np.random.default_rng(5)

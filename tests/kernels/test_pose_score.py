@@ -48,6 +48,7 @@ def poses_by(scene, seed):
     return np.concatenate([anywhere, near, near + draw.normal(0, [0.05, 0.05, 0.02], near.shape), places])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("widen", [1.0, 2.0])
 @pytest.mark.parametrize(
     "odd", [{}, {"height": 2.0}, {"missing": 0.3}, {"known": 6}, {"known": 4, "missing": 0.2, "height": 1.0}]

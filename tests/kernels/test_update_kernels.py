@@ -20,6 +20,7 @@ from gridslam.bench.kernels import twin_arguments
 from gridslam.kernels import PATH_BLOCK, SUMS
 
 
+@pytest.mark.slow
 @given(SEEDS, st.integers(0, 3), st.sampled_from([0, 100]), st.booleans(), UNKNOWN)
 @settings(max_examples=60, deadline=None)
 def test_updates_equal_their_twin(seed, surfaces, rounds, noted, unknown):

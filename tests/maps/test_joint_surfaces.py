@@ -72,6 +72,7 @@ def spoilt(number):
 WRONG = ("not symmetric", "not positive definite", r"\(4, 4\)", "NaN or infinity", "blocks")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "why"), list(enumerate(WRONG)))
 def test_a_joint_covariance_that_cannot_be_is_refused_in_one_line(tmp_path, number, why):
     mapped(1).save(tmp_path / "map.h5")

@@ -157,6 +157,7 @@ def test_features_are_exported_with_their_deviations(tmp_path):
     assert not (tmp_path / "plain" / "features.csv").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "called"), [("grid", "unexplained"), ("hybrid", "features")])
 def test_paths_that_no_surface_explains_are_not_exported_as_features(say, tmp_path, method, called):
     table, joint = feature_estimate(belief(), ANCHORS)

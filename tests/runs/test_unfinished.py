@@ -57,6 +57,7 @@ def whole(tiny, kept):
 slow = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "agent", "step", "start"),
     [

@@ -28,6 +28,7 @@ CONTRADICTIONS = (
 )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_option_that_contradicts_is_refused(tiny, monkeypatch):
     interrupted(tiny, monkeypatch)
     for words in CONTRADICTIONS:

@@ -106,6 +106,7 @@ def test_bad_input_travels_whole_from_a_worker():
     assert str(error) == "here: found this; allowed: that"
 
 
+@pytest.mark.slow
 def test_error_of_a_task_is_its_answer(tmp_path):
     found = dict(LocalWorkers(1).run(doomed(tmp_path, "wrong"), range(4)))
     error = found.pop(2)
@@ -127,6 +128,7 @@ def test_cluster_does_again_what_a_dying_worker_took_along_and_gives_up_on_what_
             list(workers.run(doomed(always, "always"), range(3)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x", "", "127.0.0.1:99999"])
 def test_scheduler_that_cannot_be_reached_is_one_clear_line(address, monkeypatch):
     pytest.importorskip("distributed")

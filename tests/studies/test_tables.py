@@ -177,6 +177,7 @@ def test_errors_while_hidden_are_drawn_beside_what_is_claimed_of_methods_on_samp
     assert draw_hidden(everywhere) is None
 
 
+@pytest.mark.slow
 def test_a_study_of_a_method_that_maps_no_surfaces_draws_without_a_warning():
     data = Scene.load("scatter").model_dump(exclude_none=True)
     data["agents"][0]["steps"], data["scatterers"] = 20, data["scatterers"][:1]

@@ -27,6 +27,7 @@ def followed(scene, method, seed, measurements=None):
     return square, ratio, estimate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [gs.GridSlam, gs.AdaptiveSlam, gs.VirtualAnchorSlam])
 def test_devices_at_one_height_give_the_bits_of_a_plane(method):
     flat = shortened(ROOM, 8)

@@ -144,6 +144,7 @@ def test_python_draws_starts_of_what_was_simulated_and_takes_the_scenes_of_the_r
             began(heard, wrong)
 
 
+@pytest.mark.slow
 def test_starts_of_several_agents_and_of_samples_follow_the_same_rule(tmp_path):
     exchange = short("exchange", 2)
     heard = gs.simulate(exchange, ("agent1", "agent3"), 1)

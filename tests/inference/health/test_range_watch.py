@@ -61,6 +61,7 @@ def test_an_offset_is_named_with_anchor_size_and_sign(name, metres, anchor, word
     assert all(not one or re.search("seem .* too " + words.split()[-1], one) for one in offsets)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["room", "alcove", "hall", "facade", "ceiling", "pillars"])
 def test_nothing_is_said_of_right_distances(name):
     scene = gs.Scene.load(name)

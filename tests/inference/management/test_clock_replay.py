@@ -79,6 +79,7 @@ def stepped_through(state, scans, slam):
     return state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mapped", [True, False])
 def test_the_world_is_that_of_a_filter_told_clock_and_walls_before_the_first_step(
     scene, scans, mapped, monkeypatch
@@ -100,6 +101,7 @@ def test_the_world_is_that_of_a_filter_told_clock_and_walls_before_the_first_ste
     assert np.abs(np.diagonal(twice.belief.covariance)[:head] / spread - 1).max() < 0.3  # little is told
 
 
+@pytest.mark.slow
 def test_walls_that_two_links_hear_are_told_roughly(scene, scans):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     for scan in scans:
@@ -138,6 +140,7 @@ def test_only_modes_of_open_clocks_are_told(scene, scans):
     assert not given.clocks.unset.any()
 
 
+@pytest.mark.slow
 def test_a_world_that_explains_less_is_not_taken(scene, scans):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     _, before, number = until_set(slam, scans)
@@ -150,6 +153,7 @@ def test_a_world_that_explains_less_is_not_taken(scene, scans):
     assert again.log_evidence > 0
 
 
+@pytest.mark.slow
 def test_walls_are_told_only_if_that_explains_no_less(scene, scans, monkeypatch):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     _, before, number = until_set(slam, scans)
@@ -200,6 +204,7 @@ def test_evidence_of_all_steps_of_a_search_is_kept(scene, scans, monkeypatch):
     assert slam.state.search.log_evidence == 9.0
 
 
+@pytest.mark.slow
 def test_a_checkpoint_keeps_the_steps_of_a_search(scene, scans, tmp_path):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     for scan in scans[:2]:

@@ -129,6 +129,7 @@ def test_departures_put_it_back_and_a_second_anchor_tells_it(model):
     assert turn_followed(before, False, gs.Scene.load("room").filter_model("agent1")) is before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("system", [gs.GridSlam, gs.AdaptiveSlam, gs.VirtualAnchorSlam])
 def test_nothing_heard_makes_the_turn_surer_than_the_start_does(lone_anchor, model, system):
     table, slam, told = heard(lone_anchor, 1), system(lone_anchor, seed=1), []

@@ -69,6 +69,7 @@ def test_a_line_of_sight_counts_as_one_wave_of_as_many_as_there_are_antennas_by_
     assert found == pytest.approx(wave + density(60, 3) - density(160, 4))
 
 
+@pytest.mark.slow
 def test_hybrid_slam_stays_with_the_first_arrival_where_a_louder_one_follows_and_its_reference_does_not():
     model, draw = signal_model(spread=(0.5, 0.5, 0.1, 0.1)), np.random.default_rng(3)
     z = received(model, (0, 0), 0.4, [LOS, BEHIND], [3000.0, 9000.0], draw)

@@ -181,6 +181,7 @@ def test_clocks_walk_as_was_learned(world):
         np.testing.assert_allclose(grown @ walk, 2.0 * prior_walk * SHARES[share] * walk, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("true", [(1.0, 1.0, 1.0), (0.3, 0.3, 0.3), (0.03, 1.0, 0.2), (0.0, 0.0, 0.0)])
 def test_the_walks_of_simulated_clocks_are_found(world, true):
     """Clocks alone, all pairs of anchors and agents measured at each step, by a textbook Kalman filter."""

@@ -59,6 +59,7 @@ def test_covariance_is_that_of_the_mixture_over_existences_and_particles():
     np.testing.assert_allclose(expected.covariance(1), without, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_messages_to_agent_and_noise_are_densities_of_their_covariances():
     state, draw = state_of(1)
     samples, expected = samples_of(draw), expect(state, 0, BAND)

@@ -64,6 +64,7 @@ def responses(paths, wave):
     return np.moveaxis(np.array(out), 0, -1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frequencies", [40, 41])
 def test_products_are_those_of_responses_made_in_full(frequencies):
     model, draw = signal_model(frequencies=frequencies), np.random.default_rng(frequencies)
@@ -89,6 +90,7 @@ def test_slopes_of_paths_by_the_state_are_differences():
         np.testing.assert_allclose(jacobian[:, entry], (more - less) / (2 * step), atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", range(11))
 def test_slopes_are_those_of_the_log_likelihood(entry):
     model, draw, step = signal_model(), np.random.default_rng(entry), 1e-6

@@ -123,6 +123,7 @@ def test_a_line_of_sight_that_was_taken_for_a_feature_pulls_all_back_where_it_be
     assert lesson.shift(right) is None
 
 
+@pytest.mark.slow
 def test_a_feature_that_explains_nothing_costs_its_price():
     state, model = state_after([], [], 5)
     lesson = lesson_of(state, model)
@@ -172,6 +173,7 @@ def test_a_segment_that_is_too_short_is_kept_for_later():
     assert learned.proposed == 0
 
 
+@pytest.mark.slow
 def test_what_most_features_are_is_the_rule_for_new_ones():
     _, model = state_after([], [], 0)
     belief = state_after([], [], 0)[0].joint

@@ -88,6 +88,7 @@ def test_a_power_follows_a_step_by_the_probability_that_its_path_is_there():
     assert moved[1] / moved[0] == pytest.approx(there[1] / there[0])
 
 
+@pytest.mark.slow
 def test_where_a_hidden_path_should_be_noise_says_nothing():
     model, draw = signal_model(), np.random.default_rng(2)
     one = belief(features=1)

@@ -32,6 +32,7 @@ from gridslam.inference.state.features.features import MOVING, entries
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("many", [CROWD, CROWD + 1])
 def test_features_of_a_crowd_are_not_taken_at_their_word(many, monkeypatch):
     """Beyond some number they stand for more scatterers than they are: with an extent, and loosely tied."""
