@@ -218,7 +218,8 @@ def _columns(path: Path) -> Iterator[str]:
     yield from meaning(path.name, "about").strip().splitlines()
     yield from ("", "| column | meaning |", "|---|---|")
     for name in path.read_text(encoding="utf-8").splitlines()[0].split(","):
-        score = "agents." + ("map." + name.removeprefix("map_") if name.startswith("map_") else name)
+        part, _, rest = name.partition("_")
+        score = f"agents.{part}.{rest}" if part in ("map", "health") else f"agents.{name}"
         own = MEANINGS[path.name].get(name)
         yield f"| `{name}` | {own or meaning('run.json', score)} |"
 

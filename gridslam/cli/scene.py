@@ -140,18 +140,22 @@ def import_plan(
 
 
 def report(
-    directory: Annotated[Path, typer.Argument(metavar="RUN", help="a run's folder")],
+    directory: Annotated[Path, typer.Argument(metavar="FOLDER", help="of a run, or of a study")],
     still: Annotated[bool, flag("--still", "without the moving picture of each agent")] = False,
     overwrite: Annotated[bool, flag("--overwrite", "replace a report.html that isn't one of these")] = False,
 ) -> None:
-    """Write report.html into a run's folder: one page with all its figures, which opens offline.
+    """Write report.html into a run's or a study's folder: one page with all its figures, which opens offline.
 
-    It is made of that folder alone: an earlier report of the run is replaced, as figures are by plot.
+    It is made of that folder alone: an earlier report is replaced, as figures are by plot.
     """
     from rich.progress import Progress
 
     from gridslam.viewers.report import write_report
+    from gridslam.viewers.study_report import is_study, write_study_report
 
+    if is_study(directory):
+        _say(f"wrote {write_study_report(directory, overwrite)}")
+        return
     err = Console(stderr=True)
     with Progress(console=err, transient=True, disable=not err.is_terminal) as bar:
         task = bar.add_task("drawing", total=None)

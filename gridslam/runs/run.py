@@ -141,7 +141,7 @@ class Run:
             The truth, or one of the earlier ones, is none or that of another scene; or the track doesn't
             cover the run.
         """
-        from gridslam.evaluation.consistency import complaints
+        from gridslam.evaluation.consistency import complaints, nees
         from gridslam.evaluation.ground_truth import known_bound, tells_heading
         from gridslam.evaluation.metrics import (
             diverged,
@@ -180,12 +180,14 @@ class Run:
             scores["coefficients"] = self._coefficients(isinstance(truth, Truth))
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
+            squared = float(nees(position, self.covariance[:, :2, :2]).mean())
             scores |= {
                 "position_rmse_m": rmse(position),
                 "position_p95_m": p95(position),
                 "heading_rmse_deg": float(np.degrees(rmse(heading))),
                 "final_position_error_m": float(np.linalg.norm(position[-1])),
                 "diverged": diverged(position),
+                "position_nees": squared if np.isfinite(squared) else None,  # of a deviation of 0
             }
         takes = kind_of(self.method)
         bound = known_bound(self.scene, self.agent, truth, takes)
@@ -253,6 +255,7 @@ AGENT_KEYS = (
     "final_position_error_m",
     "diverged",
     "position_std_m",
+    "position_nees",
     "heading_std_deg",
     "surfaces_detected",
     "features",

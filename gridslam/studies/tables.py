@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,9 @@ def run_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
     for batch in found:
         for record in batch.records:
             own = record["agents"][batch.agent]
-            scores = {key: value for key, value in own["scores"].items() if key != "map"}
-            cells = {f"map_{key}": value for key, value in own["scores"]["map"].items()}
+            whole = {"network": _plain(record.get("network", {}))}
             who = _who(batch) | {"seed": record["key"]["seed"]}
-            whole = record.get("network", {})
-            clocks = {f"network_{key}": value for key, value in whole.items() if not isinstance(value, dict)}
-            rows.append(who | scores | cells | clocks | own["cost"])
+            rows.append(who | dict(_flat(own["scores"] | whole)) | own["cost"])
     return rows
 
 
@@ -101,6 +98,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "heading_settled_rmse_deg": float(np.degrees(_level(heading))),
                 "heading_to_known_map_bound": _level(heading) / _level(mark.known.heading_rad[late]),
                 "heading_to_unknown_map_bound": _level(heading) / _level(mark.unknown.heading_rad[late]),
+                "position_settled_nees": float(nees[late].mean()),
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
                 "surface_ospa_m": batch.surface_ospa_m,
                 "image_ospa_m": float(batch.mapped(batch.mean("image_ospa_m"))[late].mean()),
@@ -141,6 +139,22 @@ def write_tables(directory: Path, found: Sequence[Batch]) -> list[Path]:
 def _who(batch: Batch) -> dict[str, Any]:
     settings: Mapping[str, Any] = dict(batch.variant.settings)
     return {"scene": batch.variant.name, **settings, "method": batch.method, "agent": batch.agent}
+
+
+def _plain(scores: Mapping[str, Any]) -> dict[str, Any]:
+    """Those that are numbers."""
+    return {key: value for key, value in scores.items() if not isinstance(value, dict)}
+
+
+def _flat(scores: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Scores with names of their own for those of tables in them, but for what was said in words."""
+    for key, value in scores.items():
+        if key == "why":
+            continue
+        if isinstance(value, Mapping):
+            yield from ((f"{key}_{inner}", one) for inner, one in _flat(value))
+        else:
+            yield key, value
 
 
 def _level(values: Array) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import os
 from collections.abc import Callable, Iterable, Mapping
 from html import escape
@@ -11,34 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from gridslam.io.files import refuse_taken, write_bytes
 from gridslam.maps.map import Map
 from gridslam.runs.notes import health_notes, lost_note
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.viewers.animation import animate, film_ending
+from gridslam.viewers.page import data_of, picture, refuse_other, table, write_page
 from gridslam.viewers.plots import draw_all
 from gridslam.wording import counted
 
-NAME, TITLE = "report.html", "gridslam: "
-HEAD = 1000
-"""Characters in which the title stands."""
-STYLE = """
-body { font: 15px/1.45 system-ui, sans-serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem;
-       color: #1b1b1b; background: #fff; text-size-adjust: 100%; -webkit-text-size-adjust: 100% }
-h1 { font-size: 1.5rem } h2 { font-size: 1.15rem; margin-top: 2.2rem; border-bottom: 1px solid #ccc }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .6rem 0 }
-th, td { padding: .2rem .8rem .2rem 0; text-align: right; border-bottom: 1px solid #eee }
-th:first-child, td:first-child { text-align: left } th:last-child, td:last-child { padding-right: 0 }
-figure { margin: 1rem 0 } figcaption { color: #555; font-size: .9rem }
-img, video { max-width: 100%; height: auto }
-details { margin: .6rem 0 } .wide { overflow-x: auto } details td { white-space: nowrap }
-@media (max-width: 40rem) { body { margin: 1rem auto } table { font-size: .8rem } }
-"""
 SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "steps": ("steps", "{:.0f}".format),
     "position_rmse_m": ("position, RMSE", lambda v: f"{100 * v:.2f} cm"),
     "position_bound_m": ("position, known-map bound", lambda v: f"{100 * v:.2f} cm"),
     "position_std_m": ("position, own standard deviation", lambda v: f"{100 * v:.2f} cm"),
+    "position_nees": ("position, squared error over own variance (2 is right)", "{:.2f}".format),
     "position_p95_m": ("position, 95 %", lambda v: f"{100 * v:.2f} cm"),
     "final_position_error_m": ("position, at the end", lambda v: f"{100 * v:.2f} cm"),
     "heading_rmse_deg": ("heading, RMSE", "{:.2f} deg".format),
@@ -65,7 +50,6 @@ UNDRAWN = {
     ONE_PLACE: "hit at one place alone, so its length isn't known",
 }
 """What stands in the table of a surface that has no wall of some length, and why."""
-MIME = {".png": "image/png", ".gif": "image/gif", ".mp4": "video/mp4"}
 CAPTIONS = {
     "map": "Map: the track, and what was found.",
     "reflection": "Reflection coefficients of the occupied cells.",
@@ -107,8 +91,7 @@ def write_report(
     """
     folder = Path(directory)
     run = read_run(folder)
-    if not _is_report(folder / NAME):
-        refuse_taken([folder / NAME], overwrite)
+    refuse_other(folder, overwrite)
     figures = sorted((folder / "figures").glob("*.png")) or draw_all(folder)
     parts = [_head(run), _scores(run.summary.get("agents", {}))]
     for place, (name, found) in enumerate(run.agents.items()):
@@ -118,41 +101,19 @@ def write_report(
             parts.append(_film(run, name, found, film, _share(progress, place, len(run.agents))))
         own = {p.stem.removeprefix(f"{name}-"): p for p in figures if p.stem.startswith(f"{name}-")}
         titles = [title for title in CAPTIONS if title in own] + [t for t in own if t not in CAPTIONS]
-        parts += [_figure(own[title], title) for title in titles]
+        parts += [picture(own[title], CAPTIONS.get(title, title)) for title in titles]
         mapped = run.summary.get("agents", {}).get(name, {}).get("surfaces_detected", 0) is not None
         parts += [surface_table(found.map)] if mapped else []
     names = tuple(f"{name}-" for name in run.agents)
-    parts += [_figure(path, path.stem) for path in figures if not path.stem.startswith(names)]
+    parts += [picture(path, path.stem) for path in figures if not path.stem.startswith(names)]
     parts.append(_settings(run))
-    target = folder / NAME
-    write_bytes(target, _page(f"{TITLE}{run.scene.name}", "\n".join(parts)).encode("utf-8"))
-    return target
-
-
-def _is_report(page: Path) -> bool:
-    """Whether a file is one that `write_report` wrote."""
-    try:
-        with page.open(encoding="utf-8") as text:
-            return f"<title>{TITLE}" in text.read(HEAD)
-    except (OSError, UnicodeDecodeError):
-        return False
+    return write_page(folder, run.scene.name, parts)
 
 
 def _share(
     progress: Callable[[int, int], None] | None, place: int, count: int
 ) -> Callable[[int, int], None] | None:
     return None if progress is None else lambda done, total: progress(place * total + done, count * total)
-
-
-def _page(title: str, body: str) -> str:
-    # nothing outside the page is loaded, and nothing in it can run, whatever a name in a file says
-    rule = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{rule}">\n'
-        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
-    )
 
 
 def _head(run: RunFiles) -> str:
@@ -185,7 +146,7 @@ def _scores(agents: Mapping[str, Any]) -> str:
         values = [scores.get(key) for scores in flat.values()]
         if any(value is not None for value in values):
             rows.append([label, *("-" if value is None else form(value) for value in values)])
-    return _table(["", *flat], rows)
+    return table(["", *flat], rows)
 
 
 def _film(
@@ -196,49 +157,39 @@ def _film(
     if run.scene.walls:
         what += ", green true walls"
     if path.suffix == ".gif":
-        return _figure(path, what)
+        return picture(path, what)
     text = escape(what, quote=True)
     size = f'width="{width}" height="{height}"'  # known before it is loaded: nothing jumps
-    tag = f'<video controls loop muted autoplay playsinline {size} aria-label="{text}" src="{_data(path)}">'
+    tag = f'<video controls loop muted autoplay playsinline {size} aria-label="{text}" src="{data_of(path)}">'
     return f"<figure>{tag}</video><figcaption>{text}</figcaption></figure>"
-
-
-def _figure(path: Path, title: str) -> str:
-    text = escape(CAPTIONS.get(title, title), quote=True)
-    return f'<figure><img alt="{text}" src="{_data(path)}"><figcaption>{text}</figcaption></figure>'
-
-
-def _data(path: Path) -> str:
-    code = base64.b64encode(path.read_bytes()).decode("ascii")
-    return f"data:{MIME[path.suffix]};base64,{code}"
 
 
 def surface_table(grid: Map) -> str:
     """The surfaces of a map, and where each of them is a wall, as HTML."""
-    table = grid.surfaces
-    if table is None or not len(table):
+    known = grid.surfaces
+    if known is None or not len(known):
         return "<p>No surface was found.</p>"
     rows, walls = [], grid.wall_segments()
-    for number, learned in enumerate(table.reflection_learned):
-        spread = np.sqrt(max(table.reflection_var[number], 0))
+    for number, learned in enumerate(known.reflection_learned):
+        spread = np.sqrt(max(known.reflection_var[number], 0))
         own = walls.surface == number
         stretches, length = walls.ends_m[own], walls.length_m[own].sum()
-        nowhere = OPEN if np.isfinite(table.extent_m[number]).all() else NOT_HIT
+        nowhere = OPEN if np.isfinite(known.extent_m[number]).all() else NOT_HIT
         rows.append(
             [
-                str(int(table.identity[number])),
+                str(int(known.identity[number])),
                 "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 0]) or nowhere,
                 "; ".join(f"{x:.2f}, {y:.2f}" for x, y in stretches[:, 1]) or "-",
                 "-" if not len(stretches) else f"{length:.2f} m" if length >= 0.005 else ONE_PLACE,
-                f"{table.reflection[number]:.2f} ± {spread:.2f}" if learned else "not measured",
-                f"{table.existence[number]:.3f}",
+                f"{known.reflection[number]:.2f} ± {spread:.2f}" if learned else "not measured",
+                f"{known.existence[number]:.3f}",
             ]
         )
     titles = ["surface", "from (m)", "to (m)", "length", "reflection", "existence"]
     notes = [f"{word}: {why}" for word, why in UNDRAWN.items() if any(word in row for row in rows)]
     more = f"<p>{escape('; '.join(notes))}.</p>" if notes else ""
     summary = f"<summary>{counted(len(rows), 'surface')}</summary>"
-    return f"<details open>{summary}{_table(titles, rows)}{more}</details>"
+    return f"<details open>{summary}{table(titles, rows)}{more}</details>"
 
 
 def _settings(run: RunFiles) -> str:
@@ -255,7 +206,7 @@ def _settings(run: RunFiles) -> str:
     ]
     versions = run.summary.get("versions")
     rows += [[name, str(value)] for name, value in versions.items()] if isinstance(versions, dict) else []
-    return f"<h2>Settings</h2>\n{_table(['', 'value'], rows)}"
+    return f"<h2>Settings</h2>\n{table(['', 'value'], rows)}"
 
 
 def _flat(name: str, value: Any) -> Iterable[tuple[str, Any]]:
@@ -270,9 +221,3 @@ def _plain(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(_plain, value))
     return f"{value:.12g}" if isinstance(value, float) else str(value)
-
-
-def _table(titles: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    head = "".join(f"<th>{escape(title)}</th>" for title in titles)
-    body = "\n".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f'<div class="wide"><table><tr>{head}</tr>\n{body}</table></div>'

@@ -50,6 +50,16 @@ def test_known_track_alone_scores_the_track_alone(scene):
     assert scores["map"]["auc"] is None
 
 
+def test_squared_errors_are_in_units_of_what_was_claimed_and_of_nothing_claimed_there_are_none(scene):
+    track = scene.track("agent1")
+    claimed = np.tile(np.diag([0.01, 0.04, 1.0, 1.0, 1.0]), (len(track), 1, 1))
+    run = replace(some_run(scene, "agent1", error=0.6), covariance=claimed)
+    shift = run.trajectory.position_m[0] - track.position_m[0]
+    want = shift[0] ** 2 / 0.01 + shift[1] ** 2 / 0.04
+    assert run.score(track)["position_nees"] == pytest.approx(want)
+    assert replace(run, covariance=0 * claimed).score(track)["position_nees"] is None
+
+
 def test_truth_of_another_scene_is_refused(scene):
     run, own = some_run(scene, "agent1"), ground_truth(scene, "agent1")
     other = gs.ground_truth(gs.Scene.load("room"), "agent1")
