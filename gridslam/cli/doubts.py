@@ -64,6 +64,31 @@ def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
     return list(contradictions([earlier, later], [str(file), "this run's map"]))
 
 
+def silence_notes(
+    world: Scene,
+    earlier: Map | None,
+    runs: Sequence[Run],
+    observations: Sequence[Observations],
+    file: Path | None,
+) -> list[str]:
+    """Which anchors an earlier map says are in sight, and aren't heard."""
+    from gridslam.checks.silent_sights import silent_sights
+    from gridslam.measurements.table import Measurements
+
+    notes = []
+    for run, heard in zip(runs, observations, strict=True):
+        if earlier is None or not isinstance(heard, Measurements):
+            continue
+        for name, expected, silent in silent_sights(
+            run.estimates, heard, earlier, world.filter_model(run.agent)
+        ):
+            notes.append(
+                f"{run.agent}: by {file} anchor {name} is in sight at {expected} steps, and wasn't heard at "
+                f"{silent} of them: a door has shut, or it was silent. Cells between stay free in the map"
+            )
+    return notes
+
+
 def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
     """What they show of their distances: clocks, or heights."""
     from gridslam.checks.range_note import range_note

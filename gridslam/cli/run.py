@@ -12,7 +12,7 @@ from rich.console import Console
 
 from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
-from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes
+from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, silence_notes
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     hints,
@@ -114,6 +114,7 @@ def _run_in_turn(asked: Asked) -> None:
             progress = _progress(runs, observations, names)
             notes = _height_notes(runs) + jolt_notes(world, runs)
             notes += map_notes(given, runs[-1].map, asked.map_file)
+            notes += silence_notes(world, given, runs, observations, asked.map_file)
             if file is not None:
                 notes += fit_notes(world, runs, observations, file, asked.scene)
             given_files = source([by_name[one.agent] for one in runs if by_name])

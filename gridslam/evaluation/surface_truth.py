@@ -35,11 +35,14 @@ class AudibleSurfaces:
         Curved wall of which the surface is a facet; -1 for a straight wall.
     since : (S, J) int
         First step at which a path of each anchor hits the surface; `NEVER` if none does.
+    every : (W, 2) float64, m
+        Feature vectors of all surfaces of the world, those that no path hits, too.
     """
 
     feature: Array
     curve: NDArray[np.intp]
     since: NDArray[np.intp]
+    every: Array
 
     @classmethod
     def of(cls, truth: Truth, earlier: Sequence[Truth] = ()) -> Self:
@@ -59,8 +62,8 @@ class AudibleSurfaces:
         np.minimum.at(curve, walls.surface, walls.curve)  # a facet in line with a straight wall is part of it
         hit = np.flatnonzero((first < NEVER).any(1))
         number, piece = np.unique(walls.surface, return_index=True)
-        piece = piece[np.searchsorted(number, hit)]
-        return cls(sfv(line_through(walls.start[piece], walls.end[piece])), curve[hit], first[hit])
+        feature = sfv(line_through(walls.start[piece], walls.end[piece]))
+        return cls(feature[np.searchsorted(number, hit)], curve[hit], first[hit], feature)
 
     @property
     def first(self) -> NDArray[np.intp]:
@@ -100,8 +103,11 @@ class AudibleSurfaces:
         return int((there < 0).sum() + len(np.unique(there[there >= 0])))
 
     def false(self, found: SurfaceEstimate) -> NDArray[np.bool_]:
-        """Which found surfaces (F,) lie at none of them: 0.5 m or more as feature vectors from each."""
-        distance = np.linalg.norm(found.sfv_m[:, None] - self.feature, axis=-1)
+        """Which found surfaces (F,) lie at no wall: 0.5 m or more as feature vectors from each of the world.
+
+        That of an earlier agent's map may be one that no path of this world's agents hits.
+        """
+        distance = np.linalg.norm(found.sfv_m[:, None] - self.every, axis=-1)
         return np.asarray(distance.min(1, initial=np.inf) >= MATCHED_M)
 
     def _distance(self, found: Array, there: NDArray[np.bool_]) -> float:
@@ -154,8 +160,6 @@ def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | in
     }
 
 
-def false_surfaces(
-    found: SurfaceEstimate | None, truth: Truth, earlier: Sequence[Truth] = ()
-) -> NDArray[np.bool_] | None:
-    """Which of a map's surfaces lie at none that the truth's paths hit, or those of earlier agents."""
-    return None if found is None else AudibleSurfaces.of(truth, earlier).false(found)
+def false_surfaces(found: SurfaceEstimate | None, truth: Truth) -> NDArray[np.bool_] | None:
+    """Which of a map's surfaces lie at no wall."""
+    return None if found is None else AudibleSurfaces.of(truth).false(found)

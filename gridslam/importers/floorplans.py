@@ -106,8 +106,8 @@ class Plan:
                 table[line.material] = self.reflection[line.material], "as asked for"
             elif line.reflection is not None:
                 table[line.material] = line.reflection, "from the plan"
-            elif line.material in KNOWN:
-                table.setdefault(line.material, (KNOWN[line.material], "assumed for this material"))
+            elif line.material.lower() in KNOWN:  # layers are often in capitals
+                table.setdefault(line.material, (KNOWN[line.material.lower()], "assumed for this material"))
             else:
                 table.setdefault(line.material, (ASSUMED, "assumed: the plan doesn't say"))
         return table
@@ -235,7 +235,8 @@ def plan_of(
     drawn = tuple(line for line in moved if line is not None)
     if not drawn:
         raise InputError(source, "no walls", "lines or polygons")
-    plan = Plan(source=source, lines=_apart(drawn), reflection=reflection, **more)
+    lines = _apart(drawn)
+    plan = Plan(source=source, lines=lines, reflection=_of_materials(reflection, lines, source), **more)
     pieces = sum(len(line.points) or int((line.arc or {}).get("facets", 1)) for line in drawn)
     if pieces > MOST_PIECES:
         raise InputError(source, f"{pieces} pieces of walls", f"at most {MOST_PIECES}")
@@ -253,6 +254,24 @@ def plan_of(
         near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
         raise InputError(source, f"walls {np.abs(whole).max():.0f} m from the origin", near)
     return plan
+
+
+def _of_materials(asked: Mapping[str, float], lines: Sequence[Line], source: str) -> dict[str, float]:
+    """Coefficients that were asked for, by the names that walls have, whatever their case.
+
+    Raises
+    ------
+    InputError
+        No wall is of such a material.
+    """
+    known = sorted({line.material for line in lines})
+    found: dict[str, float] = {}
+    for name, value in asked.items():
+        own = [one for one in known if one == name] or [one for one in known if one.lower() == name.lower()]
+        if not own:
+            raise InputError("--reflection", repr(name), f"what {source} has: {', '.join(known)}")
+        found |= dict.fromkeys(own, value)
+    return found
 
 
 def unit_m(unit: str) -> float:

@@ -91,8 +91,7 @@ class Run:
         truth : Truth, Trajectory or None
             A Truth tells which surfaces lie where no wall is, too.
         earlier : sequence of Truth
-            As in `score`: of the agents whose map the run began with. Without them it isn't said which
-            surfaces of such a map are false: the walls that they heard aren't known.
+            As in `score`; the figure is the same without them.
 
         Returns
         -------
@@ -109,9 +108,8 @@ class Run:
         from gridslam.simulation.image_source import Truth
 
         track, false = self._own_track(truth, earlier), None
-        agents = self.map.provenance.get("agents")
-        if isinstance(truth, Truth) and isinstance(agents, list) and len(agents) == 1 + len(earlier):
-            false = false_surfaces(self.map.surfaces, truth, earlier)
+        if isinstance(truth, Truth):
+            false = false_surfaces(self.map.surfaces, truth)
         return draw_map(self.map, self.scene, self.trajectory, track, self.estimates, false=false)
 
     def _repr_html_(self) -> str:

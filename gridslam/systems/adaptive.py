@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gridslam.inference.management.in_sight import spare_unseen
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.representation import representation_of
@@ -91,6 +92,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     state = learn_surface_walks(recalled, state)  # (M361)
+    state = spare_unseen(recalled, state, model)  # (M495)
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs
     )  # docs/model.md, section 9

@@ -247,8 +247,7 @@ def draw_all(
         learned = maps_features(str(run.summary.get("method")), found.map.features) is not None
         truth = truths[name]
         beside = [t for other, t in truths.items() if shared and other != name and t is not None]
-        whole = None if truth is None else truth.joined(beside)
-        false = None if whole is None else false_surfaces(found.map.surfaces, whole, earlier)
+        false = None if truth is None else false_surfaces(found.map.surfaces, truth)
         with fonts(width):
             drawn = {
                 "map": draw_map(

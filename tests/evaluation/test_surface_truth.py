@@ -53,6 +53,8 @@ def test_surface_seen_by_no_path_is_not_demanded_and_a_window_is_no_second_wall(
     assert scores == counts | {"surface_ospa_m": pytest.approx(2.5)}
     beside = surface_scores(lines_at([[0, 4], [0, 4.3], [0, 4.6]]), truth_of(segments, seen))
     assert (beside["surfaces_matched"], beside["surfaces_false"]) == (1, 1)
+    unheard = surface_scores(lines_at([[0, 4], [18, 0]]), truth_of(segments, seen))
+    assert (unheard["surfaces_matched"], unheard["surfaces_false"]) == (1, 0), "of an earlier map, say"
     assert audible.ospa(lines_at([[0, 4]]), step=1) == pytest.approx(0, abs=1e-9)
 
 

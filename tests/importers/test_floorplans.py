@@ -230,11 +230,14 @@ def test_import_command(say, tmp_path):
     assert "note" not in reported
     scene = Scene.load(tmp_path / "hall.toml")
     assert (scene.name, len(scene.anchors), scene.grid.cell_m) == ("hall", 2, 0.2)
+    told = say("scene", "import", "plan.geojson", "-o", "shout.toml", "--reflection", "WALL=0.4").out
+    assert "wall: 1 wall, 0.4 (as asked for)" in told
     before = sorted(tmp_path.iterdir())
     for more, option in (
         (("--anchor", "1"), "--anchor"),
         (("--start", "a,b"), "--start"),
         (("--reflection", "concrete=2"), "--reflection"),
+        (("--reflection", "wal=0.4"), "--reflection: found 'wal'; allowed: what plan.geojson has: wall"),
         (("--material", "x"), "--material"),
         (("--material", "door=wood"), "--material"),
         (("--anchor", "0,3"), "anchors[0]"),  # in the wall
@@ -299,3 +302,14 @@ def test_surfaces_go_out_and_come_back_as_walls(tmp_path):
     assert [wall.reflection for wall in walls] == [0.7, 0.3]
     for wall, true in zip(walls, ends, strict=True):
         np.testing.assert_allclose(np.sort(wall.points, axis=0), np.sort(true, axis=0), atol=1e-9)
+
+
+def test_layers_in_capitals_are_of_the_materials_that_are_known():
+    plan = plan_of(
+        [Line(((0, 0), (5, 0)), "GLASS"), Line(((0, 1), (5, 1)), "Brick")],
+        "plan.dxf",
+        name="plan",
+        reflection={"brick": 0.4},
+    )
+    assert plan.materials["GLASS"][1] == "assumed for this material"
+    assert plan.materials["Brick"] == (0.4, "as asked for")

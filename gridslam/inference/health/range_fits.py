@@ -183,8 +183,15 @@ def fitted(gaps: Gaps, thing: Thing) -> tuple[Fit, Array]:
     return Fit(thing, gaps.total - float(pull @ size), tuple(size[:own].tolist())), shape.T @ size
 
 
-def beyond_doubt(fits: Sequence[Fit], count: float) -> tuple[Fit, ...]:
-    """What is wrong, the simplest first, and anchors that stand elsewhere as other readings; or nothing."""
+def beyond_doubt(fits: Sequence[Fit], count: float, most: float = 0.0) -> tuple[Fit, ...]:
+    """What is wrong, the simplest first, and anchors that stand elsewhere as other readings; or nothing.
+
+    Parameters
+    ----------
+    most : float
+        Squared gaps of the step that has most of them: without it, too, something has to be wrong. One step
+        may be of paths over walls, and some place of an anchor explains whatever one step says.
+    """
     scale = max(min(fit.misfit for fit in fits) / count, 1.0)
     ranked = sorted(fits, key=lambda fit: fit.misfit + 2 * SIMPLER * scale * fit.thing.is_shift)
     best, plain = ranked[0], next(fit for fit in fits if not fit.thing.columns)
@@ -192,7 +199,7 @@ def beyond_doubt(fits: Sequence[Fit], count: float) -> tuple[Fit, ...]:
         return ()
     if best.thing.is_shift and math.hypot(*best.size) > FARTHEST_M:  # its image by a wall
         return ()
-    if 0.5 * (plain.misfit - best.misfit) < CERTAIN * scale:
+    if 0.5 * (plain.misfit - best.misfit - most) < CERTAIN * scale:
         return ()
     near = [best, *(fit for fit in ranked[1:] if 0.5 * (fit.misfit - best.misfit) < CLEAR * scale)]
     return tuple(near) if all(fit.thing.is_shift for fit in near[1:]) else ()

@@ -42,6 +42,8 @@ class RangeWatch:
         What is wrong, in words; empty if nothing is.
     looks : tuple of int, J
         Steps at which each anchor was one of those; empty in files of earlier versions.
+    most : float
+        Largest sum of squared gaps of a step.
     """
 
     information: Array
@@ -51,6 +53,7 @@ class RangeWatch:
     steps: int = 0
     doubt: str = field(default="", metadata={"later": True})
     looks: tuple[int, ...] = field(default=(), metadata={"later": True})
+    most: float = field(default=0.0, metadata={"later": True})
 
     @classmethod
     def start(cls, anchors: int) -> Self:
@@ -66,7 +69,7 @@ class RangeWatch:
         after = replace(
             self, information=self.information + gaps.information, vector=self.vector + gaps.vector,
             total=self.total + gaps.total, count=self.count + gaps.numbers, steps=self.steps + 1,
-            looks=self._looks(crossing.slope, model.senders),
+            looks=self._looks(crossing.slope, model.senders), most=max(self.most, gaps.total),
         )  # fmt: skip
         if after.steps < LEAST_STEPS or after.steps % EVERY:
             return after
@@ -81,7 +84,7 @@ class RangeWatch:
         """What is wrong beyond doubt, in words."""
         gaps = Gaps(self.information, self.vector, self.total, self.count)
         fits = [fitted(gaps, thing)[0] for thing in things(self.looks, bool(self.information[-1, -1] > 0))]
-        return words(beyond_doubt(fits, self.count), model)
+        return words(beyond_doubt(fits, self.count, self.most), model)
 
 
 def in_sight(slope: Array, anchors: int) -> list[bool]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
@@ -18,6 +18,16 @@ from gridslam.world.geometry import mirror, unit
 
 SPREADS = 2.0
 """Deviations of the agent's position by which stretches are longer."""
+FARTHER_M = 2.0
+"""By how much a wall may reach beyond the stretch that was hit, to be out of sight."""
+BELIEVED, DOUBTED = 0.5, 0.35
+"""Existence of a ray from which on its surfaces aren't out of sight, and below which its silence says nothing
+of surfaces that were seen often: single bounces of a new agent begin at one half, and count until they were
+missed; double bounces begin below."""
+LASTING = 30
+"""Sightings from which on a surface is spared: ghosts are heard now and then, too."""
+SUREST = 1 - 1e-7
+"""Greatest existence of a surface."""
 CLEAR_M = 0.4
 """So near to the ends of a leg cells hide nothing."""
 
@@ -51,6 +61,38 @@ def shortest_path(state: State, lines: Array, bank: SurfaceBank, beyond: float, 
         hidden = [are_blocked(state.grid, hit[possible], ends, model) for ends in legs]
         possible[possible] = ~np.any(hidden, axis=0)
     return np.asarray(np.where(possible, length, np.inf).min(0, initial=np.inf))
+
+
+def out_of_reach(state: State, asked: NDArray[np.bool_], model: FilterModel) -> NDArray[np.bool_]:
+    """Which of the surfaces that are asked for (S,) no path can be over, (S,)."""
+    away, rows = asked.copy(), np.flatnonzero(asked)
+    if len(rows):
+        bank = state.surfaces.take(rows)
+        away[rows] = ~np.isfinite(shortest_path(state, state.belief.lines[rows], bank, FARTHER_M, model))
+    return away
+
+
+def spare_unseen(earlier: State, state: State, model: FilterModel) -> State:
+    """The state with surfaces that aren't seen from here as likely as they were; docs/model.md, (M495).
+
+    Else walls of rooms that nobody is in are gone after some hundred steps: by survival, and by dozens of
+    rays that are believed in to a hundredth each.
+
+    Parameters
+    ----------
+    earlier : State
+        As predicted, of which the first surfaces of the state are.
+    """
+    bank, count = state.surfaces, len(earlier.surfaces)
+    lasting, rays = bank.seen >= LASTING, bank.likeliest_ray
+    lasting[count:] = False
+    unseen = lasting & (rays < DOUBTED)
+    unseen |= out_of_reach(state, lasting & ~unseen & (rays < BELIEVED), model)
+    if not unseen.any():
+        return state
+    existence, before = bank.existence.copy(), earlier.surfaces.existence / model.settings.survival
+    existence[unseen] = np.maximum(existence[unseen], np.minimum(before, SUREST)[unseen[:count]])
+    return replace(state, surfaces=replace(bank, existence=existence))
 
 
 def are_blocked(grid: Grid, start: Array, end: Array, model: FilterModel) -> NDArray[np.bool_]:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.management.in_sight import shortest_path
+from gridslam.inference.management.in_sight import BELIEVED, out_of_reach, shortest_path
 from gridslam.inference.management.merging import MOST_SURFACES, are_one
 from gridslam.inference.messages.motion import BEYOND_DOUBT
 from gridslam.inference.state.arrangement import arranged, lasting, without
@@ -20,10 +20,8 @@ from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.geometry import unit, wrap
 
-NEARBY_M, FARTHER_M = 1.0, 2.0
-"""By how much a wall may reach beyond the stretch that was hit: to be recalled, and not to be parked."""
-BELIEVED = 0.5
-"""Existence of a ray from which on its surfaces aren't out of sight."""
+NEARBY_M = 1.0
+"""By how much a wall may reach beyond the stretch that was hit, to be recalled."""
 YOUNG = 30
 """Age up to which a surface may turn out to be one that is parked."""
 FAR_RAD, FAR_M = 0.1, 0.5
@@ -95,20 +93,10 @@ def settled(state: State, model: FilterModel) -> NDArray[np.bool_]:
     return detected(bank.existence, model.settings) & (bank.seen >= BEYOND_DOUBT)
 
 
-def out_of_reach(state: State, asked: NDArray[np.bool_], model: FilterModel) -> NDArray[np.bool_]:
-    """Which of the surfaces that are asked for (S,) no path can be over, (S,)."""
-    away, rows = asked.copy(), np.flatnonzero(asked)
-    if len(rows):
-        bank = state.surfaces.take(rows)
-        away[rows] = ~np.isfinite(shortest_path(state, state.belief.lines[rows], bank, FARTHER_M, model))
-    return away
-
-
 def hidden(state: State, model: FilterModel) -> NDArray[np.bool_]:
     """Which surfaces of the joint belief are to be parked, (S,)."""
     bank = state.surfaces
-    rays = np.concatenate([bank.single, bank.double.max(1), bank.double.max(2)]).max(0, initial=0)
-    away = out_of_reach(state, settled(state, model) & (rays < BELIEVED), model)
+    away = out_of_reach(state, settled(state, model) & (bank.likeliest_ray < BELIEVED), model)
     if away.any() and state.parked is not None:
         away &= ~same_as_young(state, state.parked).any(1)
     return away

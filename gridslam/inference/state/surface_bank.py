@@ -107,6 +107,13 @@ class SurfaceBank:
             np.zeros((0, 8)),
         )  # fmt: skip
 
+    @property
+    def likeliest_ray(self) -> Array:
+        """Existence of the likeliest ray over each surface, (S,)."""
+        every = np.concatenate([self.single, self.double.max(1), self.double.max(2)])
+        likeliest: Array = every.max(0, initial=0)
+        return likeliest
+
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> SurfaceBank:
         """Keep some of the surfaces."""
         parts = {f.name: getattr(self, f.name) for f in fields(self)}

@@ -112,6 +112,24 @@ def test_one_stray_line_of_sight_of_an_anchor_is_no_offset():
     assert not watch.doubt
 
 
+def test_one_path_over_a_wall_does_not_move_an_anchor_whose_bearing_is_told_badly():
+    """Whatever one step says is explained by some place of the anchor; the steps beside it hardly doubt it."""
+    model, watch = ROOM.filter_model("agent1"), RangeWatch.start(2)
+    slope = np.zeros((2, 2, errors_of(2)))
+    slope[0, :, 0], slope[1, :, 1] = [0, 1], [1, 0]
+    for axis in (0, 1):
+        slope[0, axis, shift_of(0, 2)[axis]] = slope[1, axis, shift_of(1, 2)[axis]] = -1
+    for step in range(30):
+        place, sharp = np.zeros((2, 2)), np.tile(np.diag([400.0, 0.1]), (2, 1, 1))
+        sharp[0] = np.diag([400.0, 400.0])
+        if step == 20:
+            place[1], sharp[1] = [0.0, 2.0], np.diag([400.0, 100.0])
+        watch = watch.crossed(Crossing(place, sharp, slope), model)
+    assert watch.steps == 30
+    assert watch.most == watch.total > 100
+    assert not watch.doubt
+
+
 def test_heights_that_a_scene_lacks_are_no_offset():
     tall = raised(ROOM, 1.9)
     offsets = watched(ROOM, gs.simulate(tall, "agent1", 23))
