@@ -110,7 +110,7 @@ class SurfaceBank:
     @property
     def likeliest_ray(self) -> Array:
         """Existence of the likeliest ray over each surface, (S,)."""
-        every = np.concatenate([self.single, self.double.max(1), self.double.max(2)])
+        every = np.concatenate([self.single, self.double.max(1, initial=0), self.double.max(2, initial=0)])
         likeliest: Array = every.max(0, initial=0)
         return likeliest
 
