@@ -51,6 +51,8 @@ def _require_sound_ranges(ranges: RangeWatch, errors: int, where: str) -> None:
         ("vector", bool(np.isfinite(ranges.vector).all()), "finite"),
     ]
     require_claims(claims, where)
+    for number, late in enumerate(ranges.late):
+        _require_sound_ranges(late, errors, f"{where}/late/{number}")
 
 
 def require_sound_weights(population: Population[Any], where: str) -> None:

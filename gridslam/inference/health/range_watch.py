@@ -7,12 +7,14 @@ anchors whose distances are too long put the agent at two places, whoever follow
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.health import reasons
 from gridslam.inference.health.range_fits import (
     Crossing,
     Gaps,
@@ -26,6 +28,8 @@ from gridslam.world.filter_model import FilterModel
 
 LEAST_STEPS, EVERY = 15, 5
 """Steps looked at, with two anchors or more in sight, before anything is said; how often it is weighed."""
+LATE_STEPS = 8
+"""Steps looked at of the first half of what was heard of late, which the second grows to: a clock may jump."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,8 @@ class RangeWatch:
         Steps at which each anchor was one of those; empty in files of earlier versions.
     most : float
         Largest sum of squared gaps of a step.
+    late : tuple of RangeWatch
+        The same of the latest `LATE_STEPS` full, and of those since; empty in files of earlier versions.
     """
 
     information: Array
@@ -54,6 +60,7 @@ class RangeWatch:
     doubt: str = field(default="", metadata={"later": True})
     looks: tuple[int, ...] = field(default=(), metadata={"later": True})
     most: float = field(default=0.0, metadata={"later": True})
+    late: tuple[RangeWatch, ...] = field(default=(), metadata={"later": True})
 
     @classmethod
     def start(cls, anchors: int) -> Self:
@@ -66,19 +73,39 @@ class RangeWatch:
         gaps = Gaps.of(crossing)
         if gaps.stray(model.senders):  # some came over walls
             return self
-        after = replace(
-            self, information=self.information + gaps.information, vector=self.vector + gaps.vector,
-            total=self.total + gaps.total, count=self.count + gaps.numbers, steps=self.steps + 1,
-            looks=self._looks(crossing.slope, model.senders), most=max(self.most, gaps.total),
-        )  # fmt: skip
+        seen = in_sight(crossing.slope, model.senders)
+        after = replace(self._taken_in(gaps, seen), late=self._late(gaps, seen))
         if after.steps < LEAST_STEPS or after.steps % EVERY:
             return after
-        return replace(after, doubt=after.conclusion(model))
+        return replace(after, doubt=after.conclusion(model) or after.lately(model))
 
-    def _looks(self, slope: Array, anchors: int) -> tuple[int, ...]:
-        """Steps at which each anchor was in sight with others, this one too, whose slopes are (n, 2, P)."""
-        looks = zip(self.looks or (0,) * anchors, in_sight(slope, anchors), strict=True)
-        return tuple(before + now for before, now in looks)
+    def _taken_in(self, gaps: Gaps, seen: Sequence[bool]) -> Self:
+        """With the gaps of a step, and the anchors that were in sight."""
+        looks = tuple(n + now for n, now in zip(self.looks or (0,) * len(seen), seen, strict=True))
+        return replace(
+            self, information=self.information + gaps.information, vector=self.vector + gaps.vector,
+            total=self.total + gaps.total, count=self.count + gaps.numbers, steps=self.steps + 1,
+            looks=looks, most=max(self.most, gaps.total),
+        )  # fmt: skip
+
+    def _late(self, gaps: Gaps, seen: Sequence[bool]) -> tuple[RangeWatch, ...]:
+        """What was heard of late, with the gaps of a step."""
+        none = RangeWatch.start(len(seen))
+        before, now = self.late or (none, none)
+        now = now._taken_in(gaps, seen)
+        return (now, none) if now.steps == LATE_STEPS else (before, now)
+
+    def lately(self, model: FilterModel) -> str:
+        """What has been wrong of late beyond doubt, in words: all of it may be right and wrong in turn."""
+        before, now = self.late
+        looks = tuple(a + b for a, b in zip(before.looks, now.looks, strict=True))
+        both = replace(
+            now, information=before.information + now.information, vector=before.vector + now.vector,
+            total=before.total + now.total, count=before.count + now.count, steps=before.steps + now.steps,
+            looks=looks, most=max(before.most, now.most),
+        )  # fmt: skip
+        said = both.conclusion(model) if before.steps else ""
+        return reasons.of_late(said) if said else ""
 
     def conclusion(self, model: FilterModel) -> str:
         """What is wrong beyond doubt, in words."""

@@ -102,6 +102,11 @@ def offset(whose: str, size_m: float) -> str:
     return f"distances of {whose} seem {abs(size_m):.2f} m ({time_ns:.1f} ns) too {long}"
 
 
+def of_late(what: str) -> str:
+    """The same, which began in mid-run."""
+    return f"of late {what}"
+
+
 def shifted(names: Sequence[str], places: Sequence[Array]) -> str:
     """Anchors, one of which stands elsewhere than the scene says, and where it would have to."""
     both = zip(names, places, strict=True)

@@ -113,7 +113,7 @@ def test_one_stray_line_of_sight_of_an_anchor_is_no_offset():
 
 
 def test_one_path_over_a_wall_does_not_move_an_anchor_whose_bearing_is_told_badly():
-    """Whatever one step says is explained by some place of the anchor; the steps beside it hardly doubt it."""
+    """Whatever a step says is explained by some place of the anchor; the steps beside it hardly doubt it."""
     model, watch = ROOM.filter_model("agent1"), RangeWatch.start(2)
     slope = np.zeros((2, 2, errors_of(2)))
     slope[0, :, 0], slope[1, :, 1] = [0, 1], [1, 0]
@@ -128,6 +128,25 @@ def test_one_path_over_a_wall_does_not_move_an_anchor_whose_bearing_is_told_badl
     assert watch.steps == 30
     assert watch.most == watch.total > 100
     assert not watch.doubt
+
+
+@pytest.mark.parametrize("jumps_at", [24, 61])
+def test_a_clock_that_jumps_in_mid_run_is_named_of_late(jumps_at):
+    model, watch, said = ROOM.filter_model("agent1"), RangeWatch.start(2), []
+    draw = np.random.default_rng(jumps_at)
+    for step in range(jumps_at + 18):
+        place = np.array([4 * np.cos(0.7 * step), 4 * np.sin(0.7 * step)])
+        way = place - model.anchor_positions
+        heading = np.arctan2(way[:, 1], way[:, 0])
+        length = np.hypot(*way.T) + draw.normal(0, 0.02, 2) + [0.0, 2.0 * (step >= jumps_at)]
+        scan = gs.Scan(
+            0, 0.0, np.array([0, 1]), length, heading - model.anchor_orientations, heading + np.pi - 0.7,
+            np.full(2, 30.0),
+        )  # fmt: skip
+        watch = watch.crossed(crossing_at(scan, model), model)
+        said.append(watch.doubt)
+    assert not any(said[:jumps_at])
+    assert re.search(r"^of late distances of anchor B seem (1\.9|2\.0)\d m .* too long", said[-1])
 
 
 def test_heights_that_a_scene_lacks_are_no_offset():
