@@ -46,7 +46,7 @@ reason              said when                                   by              
 `ASTRAY`            an agent of a network is lost, or was       `systems.network`                section 13
                     found again up to 4 steps ago
 `offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
-`shifted`
+`shifted`, `of_late`
 ==================  ==========================================  ===============================  ============
 
 `monitor` (measured paths) and `signal_watch` (samples) judge one state by how measurements fitted it. `doubt`

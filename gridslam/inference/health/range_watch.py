@@ -29,7 +29,7 @@ from gridslam.world.filter_model import FilterModel
 LEAST_STEPS, EVERY = 15, 5
 """Steps looked at, with two anchors or more in sight, before anything is said; how often it is weighed."""
 LATE_STEPS = 8
-"""Steps looked at of the first half of what was heard of late, which the second grows to: a clock may jump."""
+"""Steps looked at of the first half of what was heard of late, and of the second at most: clocks jump."""
 
 
 @dataclass(frozen=True)
