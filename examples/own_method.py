@@ -23,11 +23,10 @@ class SightFilter:
         self.mean, self.covariance = self.model.start_mean.copy(), np.diag(self.model.start_variance)
 
     def step(self, scan):
-        """Predict, take in what was heard of each anchor, and say what is believed now."""
+        """Predict (nearly constant velocity), take in what was heard of each anchor, say what is believed."""
         dt, self.time_s = 0.0 if self.time_s is None else scan.time_s - self.time_s, scan.time_s
-        motion = np.eye(5) + dt * np.eye(5, k=2) * [0, 0, 1, 1, 0]  # nearly constant velocity
+        settings, motion = self.model.settings, np.eye(5) + dt * np.eye(5, k=2) * [0, 0, 1, 1, 0]
         push = np.array([[dt**2 / 2, 0, dt, 0, 0], [0, dt**2 / 2, 0, dt, 0], [0, 0, 0, 0, dt > 0]])
-        settings = self.model.settings
         spreads = [settings.acceleration_mps2] * 2 + [np.radians(settings.heading_deg)]
         noise = push.T * np.square(spreads) @ push
         self.mean, self.covariance = motion @ self.mean, motion @ self.covariance @ motion.T + noise
@@ -48,8 +47,8 @@ class SightFilter:
         across = np.array([-dy, dx, 0, 0, 0]) / d**2  # slope of the bearing
         slopes = np.array([[dx / d, dy / d, 0, 0, 0], across, across - [0, 0, 0, 0, 1]])
         u, arrays = radio.amplitude(d), (radio.anchor_aperture[anchor], radio.agent_aperture)
-        angles = map(radio.angle_std, (u, u), (aod, aoa), arrays)
-        spread = slopes @ self.covariance @ slopes.T + np.diag([radio.distance_std(u), *angles]) ** 2
+        errors = np.diag([radio.distance_std(u), *map(radio.angle_std, (u, u), (aod, aoa), arrays)]) ** 2
+        spread = slopes @ self.covariance @ slopes.T + errors
         measured = np.column_stack([scan.distance_m, scan.aod_rad, scan.aoa_rad])[scan.anchor == anchor]
         off = measured - [d, aod, aoa]
         off[:, 1:] = (off[:, 1:] + np.pi) % (2 * np.pi) - np.pi
@@ -57,4 +56,5 @@ class SightFilter:
         if (misfit < GATE).any():  # never of NaN, which stands for an angle that wasn't measured
             gain = self.covariance @ slopes.T @ np.linalg.inv(spread)
             self.mean = self.mean + gain @ off[np.nanargmin(misfit)]
-            self.covariance = self.covariance - gain @ spread @ gain.T
+            left = np.eye(5) - gain @ slopes  # Joseph's form: rounding leaves no negative variance
+            self.covariance = left @ self.covariance @ left.T + gain @ errors @ gain.T

@@ -196,8 +196,8 @@ def _report(outcome: Outcome, output: Path) -> None:
     jobs, lines = outcome.study.jobs(), []
     for number, trace in sorted(outcome.failures.items()):
         job = jobs[number]
-        lines.append(f"{job.variant.label}, {job.method}, seed {job.seed}\n{trace}\n")
+        lines.append(f"{job.variant.label}, {job.method}, seed {job.seed}\n{trace.rstrip()}\n\n")
     write_bytes(output / "failures.log", "".join(lines).encode())
-    first = outcome.failures[min(outcome.failures)].strip().splitlines()[-1]
-    line = f"{counted(len(lines), 'run')} failed ({first}); see {output / 'failures.log'}"
+    first = lines[0].strip().splitlines()
+    line = f"{counted(len(lines), 'run')} failed ({first[0]}: {first[-1]}); see {output / 'failures.log'}"
     err.print(line, highlight=False, markup=False, soft_wrap=True)

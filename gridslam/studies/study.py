@@ -169,13 +169,14 @@ def run_study(
     ------
     InputError
         The folder holds something else, another study or version; the scheduler can't be reached; workers
-        keep dying or have another version. What was finished stays.
+        keep dying or have another version; all runs are refused for the same reason. What was finished stays.
     """
     workers = LocalWorkers() if workers is None else workers
     jobs = study.jobs()
     place = {identity(job.key): number for number, job in enumerate(jobs)}
     records: list[dict[str, Any] | None] = [None] * len(jobs)
     failures: dict[int, str] = {}
+    refused: list[InputError] = []
     with Results.open(Path(directory), study.header, overwrite) as results:
         for record in results.found:
             number = place.get(identity(record["key"]))
@@ -187,15 +188,18 @@ def run_study(
         for index, answer in workers.run(run_job, [jobs[number] for number in left]) if left else ():
             number = left[index]
             if isinstance(answer, BaseException):
-                if isinstance(answer, InputError):
-                    raise answer
                 failures[number] = "".join(traceback.format_exception(answer))
+                if isinstance(answer, InputError):  # a method of one's own may fail at some seeds alone
+                    failures[number] = str(answer)
+                    refused.append(answer)
             else:
                 _same_version(answer["key"], jobs[number].key)
                 results.append(answer)
                 records[number] = answer
             if progress is not None:
                 progress(sum(r is not None for r in records) + len(failures), len(jobs))
+    if len(refused) == len(jobs) and len(set(map(str, refused))) == 1:
+        raise refused[0]
     return Outcome(study, records, failures, sum(records[n] is not None for n in left))
 
 

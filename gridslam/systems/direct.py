@@ -26,6 +26,7 @@ from gridslam.inference.management.samples.image_readout import (
 from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.management.samples.mirrored_places import watch_mirrors
 from gridslam.inference.management.samples.second_look import LAST, advance, begun
+from gridslam.inference.messages.samples.early_paths import watch_arrivals
 from gridslam.inference.messages.samples.image_births import (
     FIRST_STEPS,
     Found,
@@ -126,6 +127,7 @@ def step(
     state = confirm_proposals(merge_images(join_straight_rings(state)))
     state = share_walls(state, model)
     state = watch_mirrors(note_hits(prune(state), model), band, model)
+    state = watch_arrivals(state, scan, model)  # (M451)
     health = state.watch.assess(state.spread_m, len(model.anchors), bool(state.one_sided.any()))
     return replace(state.packed(), step=state.step + 1), DirectInfo(every, findings, health)
 

@@ -241,7 +241,7 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
     monkeypatch.setattr("gridslam.studies.plots.draw_study", lambda folder, *_: drawn.append(folder))
     for fate, code, says in (
         ({0: KeyboardInterrupt()}, 130, "interrupted: 1 of 2 runs are kept"),
-        ({0: RuntimeError("no luck")}, 1, "1 run failed (RuntimeError: no luck)"),
+        ({0: RuntimeError("no luck")}, 1, "1 run failed (tiny, grid, seed 0: RuntimeError: no luck)"),
         ({}, 0, "2 of 2 runs, 1 of them new"),
         ({0: RuntimeError("never asked")}, 0, "2 of 2 runs, 0 of them new"),
     ):

@@ -25,7 +25,7 @@ reason              said when                                   by              
 `turned`            an anchor's turn is beyond doubt            `monitor.HealthMonitor.assess`   section 9
 `few_particles`     fewer than 3 (hybrid SLAM: 30) carry an     `monitor`,                       section 9, 15
                     association, where the belief is particles  `signal_watch.assess_particles`
-`early`             at over half of the latest steps        `signal_watch.assess_particles`  (M451)
+`early`             at over half of the latest steps        `signal_watch`                   (M451)
                     something arrives before the line of
                     sight (hybrid SLAM)
 `crowded`           over 30 loud paths of one anchor            `monitor.HealthMonitor.assess`   section 9

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -34,6 +34,8 @@ class SignalWatch:
         Power, over the noise, of the lines of sight and settled images, and of all paths.
     silent : int
         Steps for which nothing has been heard.
+    early : float
+        Share of the latest steps at which something arrived before a line of sight.
     """
 
     misfit: float = 0.0
@@ -41,6 +43,7 @@ class SignalWatch:
     explained: float = 0.0
     power: float = 0.0
     silent: int = 0
+    early: float = field(default=0.0, metadata={"later": True})
 
     def begun(self, audible: int) -> Self:
         """A new step with snapshots of so many anchors."""
@@ -70,6 +73,10 @@ class SignalWatch:
             explained=self.explained + explained, power=self.power + power,
         )  # fmt: skip
 
+    def arrived(self, early: bool) -> Self:
+        """Take in whether something arrived before a line of sight."""
+        return replace(self, early=KEEP * self.early + (1 - KEEP) * early)
+
     def assess(self, spread_m: float, anchors: int, mirrored: bool = False) -> Health:
         """Say how things are.
 
@@ -91,6 +98,8 @@ class SignalWatch:
             found.append(reasons.vague(spread_m))
         if mirrored:
             found.append(reasons.MIRRORED)
+        if self.early > EARLY:
+            found.append(reasons.early(self.early))
         if share < LEAST_EXPLAINED:
             found.append(reasons.little_power(share))
         if ratio > max(high, MISFIT):

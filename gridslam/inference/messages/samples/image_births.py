@@ -40,6 +40,8 @@ SOLVED_AGAIN = 1.0
 """What solving everything again may gain on top of what the others' present fit shows; 0.5 is usual."""
 BACK_M = 0.3
 """How near to a peak a path that was away may be what makes it."""
+SURELY = 1 - 1e-9
+"""Greatest probability that a path is back."""
 WIDEST_M = 0.3
 """Deviation of a predicted distance beyond which it isn't broadened any more."""
 OWN_PLACE_M = 0.6
@@ -253,7 +255,7 @@ class _Births:
         found = [_Explanation(prior.with_path(*peak), float(np.log(self.rate) + ACCEPTED), False, peak)]
         if prior.away is not None and prior.away.any():
             for row in np.flatnonzero((prior.away > 0) & (np.abs(prior.mean - peak[0]) < BACK_M)).tolist():
-                chance = prior.weight[row] / prior.away[row]
+                chance = min(float(prior.weight[row] / prior.away[row]), SURELY)  # rounding may make it 1
                 log_odds = float(np.log(chance / (1 - chance)))
                 found.append(_Explanation(prior.back(row), log_odds, True, peak))
         return found

@@ -1,0 +1,51 @@
+"""Paths that arrive before the line of sight, as none can: the agent isn't where it is believed to be.
+
+A mirrored world fits itself, and its likelihood is as good as the right one's. But an anchor that comes in
+sight again is heard there from too far off, or too near, which the samples tell. docs/model.md, (M451).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from gridslam.arrays import replace
+from gridslam.inference.messages.features.arrivals import Arrivals
+from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.state.samples.images import DirectState
+from gridslam.world.signal_model import SignalModel
+from gridslam.world.signal_scan import SignalScan
+from gridslam.world.waveform import Waveform
+
+EVERY = 3
+"""Steps from one look to the next: a world stays mirrored for long."""
+DEVIATIONS = 3.0
+"""Of the agent's place, by which a line of sight may be shorter."""
+LEAST_M = 0.1
+"""Shorter lines of sight have no direction."""
+
+
+def watch_arrivals(state: DirectState, scan: SignalScan, model: SignalModel) -> DirectState:
+    """The state with whether something arrived before a line of sight at this step.
+
+    Parameters
+    ----------
+    state : DirectState
+        After the samples.
+    """
+    if state.step % EVERY or not scan.heard.any():
+        return state
+    early, place, spread = False, state.belief.mean[:2], state.belief.covariance[:2, :2]
+    for anchor in np.flatnonzero(scan.heard).tolist():
+        way = place - model.anchors[anchor, :2]
+        far = max(float(np.hypot(*way)), LEAST_M)
+        nearest = far - DEVIATIONS * float(np.sqrt(way @ spread @ way)) / far
+        early |= Arrivals.of(scan.samples[anchor, 0, 0][None], _front_of(model.waveform)).before(nearest)
+    return replace(state, watch=state.watch.arrived(early))
+
+
+@lru_cache(8)
+def _front_of(waveform: Waveform) -> Front:
+    """The tables by which arrivals are found."""
+    return Front(waveform)
