@@ -9,6 +9,7 @@ import numpy as np
 from gridslam.checks import elevations, time_units
 from gridslam.checks.column_readings import likeliest_way
 from gridslam.checks.fit import least_share, tells_place
+from gridslam.checks.followed import upheld
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
@@ -19,7 +20,6 @@ from gridslam.checks.rivals import (
     fitting_cure,
     offset_alone,
     offset_beside,
-    upheld,
     whole_cure,
 )
 from gridslam.checks.second_device import second_device
@@ -98,8 +98,8 @@ def _best_cure(
             found, read, sight = _with_start(found, read, sight, asis, elsewhere)
     started = any(item.kind in ("start", "agent") for item in found)
     if (found or plain.explained < EXPLAINED) and not started:
-        if (followed := upheld(asis, read, found, scene, agent)) is not None:
-            return [], asis, followed
+        if (held := upheld(asis, read, found, scene, agent, plain)) is not None:
+            return [], asis, held
     return found, read, sight
 
 

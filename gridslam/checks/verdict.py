@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.checks.fit import BLIND, FITTING, settled, tells_place
+from gridslam.checks.followed import followed
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
 from gridslam.checks.rivals import allowed_for, range_errors
@@ -43,7 +44,8 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     order = np.argsort(columns["step"], kind="stable")
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
-    seen = _by_clocks(table, scene, agent, settled(table, scene, agent))
+    seen = followed(table, scene, agent, explain(table, scene, agent))
+    seen = _by_clocks(table, scene, agent, seen)
     share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
     line = f"line of sight to the anchors in {share} of {seen.judged}"
     if seen.explained >= FITTING:

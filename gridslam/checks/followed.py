@@ -1,0 +1,65 @@
+"""A table as it stands, followed again before anything is accused: the agent may only have been lost."""
+
+from __future__ import annotations
+
+from gridslam.checks.fit import FITTING, least_share
+from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.rivals import CLEAR, EXPLAINED
+from gridslam.checks.unit_hypotheses import Suspicion
+from gridslam.world.columns import Columns
+from gridslam.world.scene import Scene
+
+FREER = 30.0
+"""Log likelihood ratio in nats that turns beyond ``filter.heading_deg`` must gain: they fit more anyway."""
+
+
+def followed(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> Sight:
+    """The most that is explained of a table as it stands: straight on, through doors or around sharp bends.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
+    plain : Sight
+        What is explained straight on.
+    """
+    if plain.explained >= EXPLAINED:
+        return plain
+    through = explain(table, scene, agent, thorough=True)
+    best = through if through.explained > max(plain.explained, least_share(scene)) else plain
+    if best.explained >= FITTING:
+        return best
+    around = explain(table, scene, agent, sharp=True)
+    more = around.explained > best.explained and around.evidence > best.evidence + FREER
+    return around if more else best
+
+
+def upheld(
+    table: Columns, read: Columns, found: list[Suspicion], scene: Scene, agent: str | None, plain: Sight
+) -> Sight | None:
+    """What explains a table as it stands, if no suspicion explains more.
+
+    A right table that the agent was lost in is explained worse than a wrong one that it wasn't. So it is
+    followed again, through doors and around sharp bends.
+
+    Parameters
+    ----------
+    table, read : dict of (K,) arrays
+        As it stands, and with the columns read as the suspicions say.
+    found : list of Suspicion
+    plain : Sight
+        What is explained as it stands, without these.
+    """
+    if not found:
+        best = followed(table, scene, agent, plain)
+        return best if best.explained >= least_share(scene) else None
+    world = ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}
+    whole = read | {"aoa_rad": table["aoa_rad"]} if world else read
+    for thorough in (True, False):
+        own, other = (
+            explain(one, scene, agent, way, thorough=thorough, sharp=not thorough)
+            for one, way in ((table, False), (whole, world))
+        )
+        if own.explained >= least_share(scene) and other.evidence < own.evidence + CLEAR:
+            return followed(table, scene, agent, plain)
+    return None
