@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
+from typing import TypedDict
+
 from gridslam.checks.fit import FITTING, least_share
-from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain
 from gridslam.checks.rivals import CLEAR, EXPLAINED
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
+
+class Way(TypedDict, total=False):
+    """Arguments of `explain`."""
+
+    thorough: bool
+    sharp: bool
+    crowd: int
+
+
+WAYS: tuple[Way, ...] = (
+    {"thorough": True},
+    {"sharp": True},
+    {"thorough": True, "sharp": True, "crowd": CROWD},
+)
+"""Ways to follow an agent that is lost straight on: through doors, around bends, and both by more particles."""
 FREER = 30.0
 """Log likelihood ratio in nats that turns beyond ``filter.heading_deg`` must gain: they fit more anyway."""
 
@@ -25,13 +42,15 @@ def followed(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> S
     """
     if plain.explained >= EXPLAINED:
         return plain
-    through = explain(table, scene, agent, thorough=True)
+    through = explain(table, scene, agent, **WAYS[0])
     best = through if through.explained > max(plain.explained, least_share(scene)) else plain
     if best.explained >= FITTING:
         return best
-    around = explain(table, scene, agent, sharp=True)
-    more = around.explained > best.explained and around.evidence > best.evidence + FREER
-    return around if more else best
+    for way in WAYS[1:]:
+        around = explain(table, scene, agent, **way)
+        if around.explained > best.explained and around.evidence > best.evidence + FREER:
+            best = around
+    return best
 
 
 def upheld(
@@ -55,11 +74,9 @@ def upheld(
         return best if best.explained >= least_share(scene) else None
     world = ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}
     whole = read | {"aoa_rad": table["aoa_rad"]} if world else read
-    for thorough in (True, False):
-        own, other = (
-            explain(one, scene, agent, way, thorough=thorough, sharp=not thorough)
-            for one, way in ((table, False), (whole, world))
-        )
+    for way in WAYS:
+        own = explain(table, scene, agent, **way)
+        other = explain(whole, scene, agent, world, **way)
         if own.explained >= least_share(scene) and other.evidence < own.evidence + CLEAR:
             return followed(table, scene, agent, plain)
     return None
