@@ -25,7 +25,7 @@ WAYS: tuple[Way, ...] = (
     {"sharp": True},
     {"thorough": True, "sharp": True, "crowd": CROWD},
 )
-"""Ways to follow an agent that is lost straight on: through doors, around bends, and both by more particles."""
+"""Ways to follow an agent that is lost straight on: through doors, around bends, both by more particles."""
 FREER = 30.0
 """Log likelihood ratio in nats that turns beyond ``filter.heading_deg`` must gain: they fit more anyway."""
 
