@@ -128,11 +128,11 @@ def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
     step, count = columns["step"], len(columns["step"])
     if not count:
         return [f"measurements: no paths, anchors {', '.join(names)}"]
-    steps, time = int(step.max()) - int(step.min()) + 1, columns["time_s"]
+    steps = int(step.max()) - int(step.min()) + 1
     pairs = np.unique(np.stack([step, columns["anchor"]]), axis=1).shape[1]
     lines = [
-        f"measurements: {counted(steps, 'step')} ({step.min()} to {step.max()}, {time.min():g} to "
-        f"{time.max():g} s), {counted(count, 'path')}, anchors {', '.join(names)}",
+        f"measurements: {counted(steps, 'step')} ({step.min()} to {step.max()}, "
+        f"{time_units.span(columns)}), {counted(count, 'path')}, anchors {', '.join(names)}",
         f"  {count / pairs:.1f} paths in a scan (an anchor at a step), {pairs} of {steps * len(names)} "
         "scans hold any",
     ]

@@ -226,7 +226,7 @@ def offset_beside(
     kinds = {item.kind for item in found}
     if (
         not found
-        or kinds & {"offset", "slant", "names", "turned", "start", "agent"}
+        or kinds & {"offset", "slant", "names", "turned", "start", "agent", "second device"}
         or not both_measured(table)
     ):
         return found
