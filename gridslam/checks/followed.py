@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import TypedDict
 
+import numpy as np
+
 from gridslam.checks.fit import FITTING, least_share
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain
 from gridslam.checks.rivals import CLEAR, EXPLAINED
+from gridslam.checks.start_search import one_in_sight
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
@@ -25,7 +28,8 @@ WAYS: tuple[Way, ...] = (
     {"sharp": True},
     {"thorough": True, "sharp": True, "crowd": CROWD},
 )
-"""Ways to follow an agent that is lost straight on: through doors, around bends, both by more particles."""
+"""Ways to follow an agent that is lost straight on: through doors, around bends, both by more particles.
+About one anchor a turn and an angle that is misread are the same: sharp ones tell nothing there."""
 FREER = 30.0
 """Log likelihood ratio in nats that turns beyond ``filter.heading_deg`` must gain: they fit more anyway."""
 
@@ -48,6 +52,8 @@ def followed(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> S
         return best
     for way in WAYS[1:]:
         around = explain(table, scene, agent, **way)
+        if one_in_sight(around):
+            break
         if around.explained > best.explained and around.evidence > best.evidence + FREER:
             best = around
     return best
@@ -74,9 +80,12 @@ def upheld(
         return best if best.explained >= least_share(scene) else None
     world = ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}
     whole = read | {"aoa_rad": table["aoa_rad"]} if world else read
+    most = -np.inf
     for way in WAYS:
         own = explain(table, scene, agent, **way)
-        other = explain(whole, scene, agent, world, **way)
-        if own.explained >= least_share(scene) and other.evidence < own.evidence + CLEAR:
+        if way.get("sharp") and one_in_sight(own):
+            break
+        most = max(most, explain(whole, scene, agent, world, **way).evidence)  # of what is less free, too
+        if own.explained >= least_share(scene) and most < own.evidence + CLEAR:
             return followed(table, scene, agent, plain)
     return None
