@@ -9,6 +9,7 @@ import numpy as np
 from gridslam.checks import elevations, time_units
 from gridslam.checks.column_readings import likeliest_way
 from gridslam.checks.fit import least_share, tells_place
+from gridslam.checks.followed import upheld
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
@@ -19,11 +20,10 @@ from gridslam.checks.rivals import (
     fitting_cure,
     offset_alone,
     offset_beside,
-    upheld,
     whole_cure,
 )
 from gridslam.checks.second_device import second_device
-from gridslam.checks.start_search import RIVAL, goes_ahead, one_in_sight, other_start
+from gridslam.checks.start_search import ELSEWHERE, RIVAL, goes_ahead, one_in_sight, other_start
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
@@ -50,7 +50,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     found, read, sight = _best_cure(asis, scene, agent, plain)
     kinds, cured = {item.kind for item in found}, read
     fits = sight.explained >= (EXPLAINED if scene.walls else least_share(scene))
-    if fits and not kinds & {"start", "agent"} and not {"distance_m", "anchor"} & {i.column for i in found}:
+    if fits and not kinds & ELSEWHERE and not {"distance_m", "anchor"} & {i.column for i in found}:
         cure = fitting_cure(read, scene, agent, sight)
         if cure is None and not found and one_in_sight(sight) and both_measured(asis):
             cure = offset_alone(asis, scene, agent, sight)
@@ -96,10 +96,10 @@ def _best_cure(
         elsewhere = other_start(asis, scene, agent, plain, sight, behind) if both_measured(asis) else None
         if elsewhere is not None:
             found, read, sight = _with_start(found, read, sight, asis, elsewhere)
-    started = any(item.kind in ("start", "agent") for item in found)
+    started = any(item.kind in ELSEWHERE for item in found)
     if (found or plain.explained < EXPLAINED) and not started:
-        if (followed := upheld(asis, read, found, scene, agent)) is not None:
-            return [], asis, followed
+        if (held := upheld(asis, read, found, scene, agent, plain)) is not None:
+            return [], asis, held
     return found, read, sight
 
 

@@ -17,6 +17,7 @@ from gridslam.arrays import Array
 from gridslam.checks import elevations, time_units
 from gridslam.checks.against_scene import against_scene
 from gridslam.checks.fillers import padding
+from gridslam.checks.repeats import repeats_line
 from gridslam.checks.scene_lines import implausible_radio
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, finite
 from gridslam.checks.verdict import UNSURE, verdict
@@ -87,6 +88,8 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
     lines += elevations.remarks(columns, scene, agent) if scene is not None else []
     lines += [f"suspect: {item}" for item in [*odd, *found]]
+    if repeated := repeats_line(columns):
+        lines.append(f"suspect: {repeated}")
     try:
         whole = Measurements.load(path, pseudo=offset_m > 0)
         lines[0] += "" if whole.truth is None else ", true track known"
@@ -125,11 +128,11 @@ def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
     step, count = columns["step"], len(columns["step"])
     if not count:
         return [f"measurements: no paths, anchors {', '.join(names)}"]
-    steps, time = int(step.max()) - int(step.min()) + 1, columns["time_s"]
+    steps = int(step.max()) - int(step.min()) + 1
     pairs = np.unique(np.stack([step, columns["anchor"]]), axis=1).shape[1]
     lines = [
-        f"measurements: {counted(steps, 'step')} ({step.min()} to {step.max()}, {time.min():g} to "
-        f"{time.max():g} s), {counted(count, 'path')}, anchors {', '.join(names)}",
+        f"measurements: {counted(steps, 'step')} ({step.min()} to {step.max()}, "
+        f"{time_units.span(columns)}), {counted(count, 'path')}, anchors {', '.join(names)}",
         f"  {count / pairs:.1f} paths in a scan (an anchor at a step), {pairs} of {steps * len(names)} "
         "scans hold any",
     ]

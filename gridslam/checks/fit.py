@@ -16,9 +16,15 @@ BLIND = 0.3
 there which reading is right; the share only keeps chance from being called a fit."""
 
 
+def fitting(scene: Scene) -> float:
+    """Share of scans that a line of sight must explain, of those in which a path is detected."""
+    given = scene.signal_model().given_detection
+    return FITTING * (1.0 if given is None else given)
+
+
 def least_share(scene: Scene) -> float:
     """Share of scans that must be explained for something to fit this scene."""
-    return FITTING if scene.walls else BLIND
+    return fitting(scene) if scene.walls else BLIND
 
 
 def tells_place(table: Columns) -> bool:

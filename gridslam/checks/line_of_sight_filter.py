@@ -31,6 +31,8 @@ LASTING = 0.9
 """Correlation of a particle's velocity from step to step, where it keeps any."""
 CROWD = 4
 """Times as many particles where the size of an error is looked for, too."""
+SHARP_RAD, SHARP_ONES = np.radians(45.0), 8
+"""Standard deviation of a sharp turn within a step, and of how many particles one may take it."""
 LEAST_SEEN, LEAST_SEEN_THOROUGH = 0.3, 0.15
 """Share of the scans that walls must leave in sight for the others not to be judged."""
 
@@ -90,6 +92,7 @@ def explain(
     starts: Array | None = None,
     steps: int = STEPS,
     crowd: int | None = None,
+    sharp: bool = False,
 ) -> Sight:
     """Follow the agent by line of sight alone over the first steps.
 
@@ -116,6 +119,8 @@ def explain(
     crowd : int, optional
         Times as many particles as usual (default: 1, or `CROWD` with an error). More find more
         evidence by themselves: only equal numbers can be compared.
+    sharp : bool
+        Let it turn within a step by far more than ``filter.heading_deg`` says, too.
     """
     draw = np.random.default_rng(0)
     some = _start(scene, agent, draw, crowd or (1 if error is None else CROWD))
@@ -127,10 +132,11 @@ def explain(
     scans, likelihood = _Scans.of(columns, steps), SightLikelihood.of(columns, scene)
     walls, stands, heights = scene.segments(), scene.anchor_positions, scene.heights(agent)
     turn, lasting = np.radians(scene.filter.heading_deg), LASTING if thorough else 0.0
+    widest = max(turn, SHARP_RAD) if sharp else turn
     evidence, track = 0.0, list[Array]()
     likeliest, ranges, chances = list[int](), list[float](), list[float]()
     for after, anchors, rows, count in scans:
-        some = some.moved(after, lasting, turn, draw)
+        some = some.moved(after, lasting, turn, widest, draw)
         viewpoints = some.position if thorough else some.position.mean(0, keepdims=True)
         seen = in_view(stands[anchors, None], viewpoints, walls)
         away = some.position - stands[anchors, None]
@@ -256,11 +262,14 @@ class _Particles:
         begun = np.column_stack([position, heading])
         return cls(position, heading, pace, np.zeros_like(position), begun)
 
-    def moved(self, steps: int, lasting: float, turn_rad: float, draw: np.random.Generator) -> _Particles:
-        """Those after so many steps."""
+    def moved(
+        self, steps: int, lasting: float, turn_rad: float, widest_rad: float, draw: np.random.Generator
+    ) -> _Particles:
+        """Those after so many steps, of which some turn by up to `widest_rad`, not `turn_rad`."""
         gap = np.sqrt(steps)
         going = lasting * self.going + np.sqrt(1 - lasting**2) * draw.standard_normal(self.position.shape)
-        heading = self.heading + gap * turn_rad * draw.standard_normal(len(self.heading))
+        turn = np.where(np.arange(len(self.heading)) % SHARP_ONES == 0, widest_rad, turn_rad)
+        heading = self.heading + gap * turn * draw.standard_normal(len(self.heading))
         return replace(
             self, position=self.position + gap * self.pace[:, None] * going, heading=heading, going=going
         )

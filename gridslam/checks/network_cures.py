@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.checks.fit import FITTING, least_share
+from gridslam.checks.fit import FITTING, fitting, least_share
 from gridslam.checks.line_of_sight_filter import Sight, explain
-from gridslam.checks.network_sights import FEWEST, Links, distinct, fitting, middle_of, read_as_any
+from gridslam.checks.network_sights import FEWEST, Links, distinct, middle_of, read_as_any
 from gridslam.checks.range_errors import LEAST_OFFSET_M
 from gridslam.checks.rivals import CERTAIN, orders
 from gridslam.measurements.network import NetworkMeasurements

@@ -8,7 +8,7 @@ is said that the table as it stands doesn't fit worse (`gridslam.checks.network_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from gridslam.checks.network_cures import Confusion, Cure, needed_cure
 from gridslam.checks.network_sights import FEWEST, Links, lines_of_sight, middle_of
 from gridslam.checks.range_errors import LEAST_OFFSET_M
+from gridslam.checks.verdict import UNSURE
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.world.clocks import NS
 from gridslam.world.network_scene import clock_model
@@ -35,11 +36,26 @@ class Judged(NamedTuple):
 
 def label_and_clock_lines(measurements: NetworkMeasurements, scene: Scene) -> list[str]:
     """Suspicions about labels and clocks, for a person; or that there is too little to tell."""
-    judged = [_judged(measurements, scene, name) for name in measurements.agents]
-    untold = [one.agent for one in judged if not one.cure.fits]
+    judged = judge_labels(measurements, scene)
+    return [*untold_lines(judged), *suspicion_lines(judged, scene)]
+
+
+def judge_labels(measurements: NetworkMeasurements, scene: Scene) -> list[Judged]:
+    """What each agent's table needs to fit, as far as labels and clocks go."""
+    return [_judged(measurements, scene, name) for name in measurements.agents]
+
+
+def suspicion_lines(judged: Sequence[Judged], scene: Scene) -> list[str]:
+    """Suspicions about labels and clocks of agents, for a person."""
     told = [one for one in judged if one.cure.fits]
-    few = f"  {', '.join(untold)}: too few lines of sight to judge labels and clocks by"
-    return [*([few] if untold else []), *label_lines(told, scene.anchor_names), *clock_lines(told, scene)]
+    return [*label_lines(told, scene.anchor_names), *clock_lines(told, scene)]
+
+
+def untold_lines(judged: Sequence[Judged], others: Collection[str] = ()) -> list[str]:
+    """That there is too little to tell of agents; `others` are judged otherwise."""
+    untold = [one.agent for one in judged if not one.cure.fits and one.agent not in others]
+    few = f"{UNSURE}{', '.join(untold)}: too few lines of sight to judge labels and clocks by"
+    return [few] if untold else []
 
 
 def _judged(measurements: NetworkMeasurements, scene: Scene, name: str) -> Judged:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.checks.fit import FITTING
+from gridslam.checks.fit import fitting
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.measurements.network import NetworkMeasurements
@@ -61,12 +61,6 @@ def lines_of_sight(measurements: NetworkMeasurements, scene: Scene, name: str) -
     if sight.explained < fitting(scene) or sight.scans < FEWEST:
         return None
     return distinct(part.columns, rows, table, sight, scene, name)
-
-
-def fitting(scene: Scene) -> float:
-    """Share of scans that a line of sight must explain, of those in which a path is detected."""
-    given = scene.signal_model().given_detection
-    return FITTING * (1.0 if given is None else given)
 
 
 def read_as_any(label: NDArray[np.intp], anchors: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

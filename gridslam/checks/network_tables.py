@@ -8,7 +8,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from gridslam.checks.network_labels import label_and_clock_lines
+from gridslam.checks.network_devices import device_lines, devices
+from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
+from gridslam.checks.repeats import repeats_line
 from gridslam.errors import InputError, located
 from gridslam.io.files import reading_h5
 from gridslam.measurements import csv_table, hdf5_table, matlab
@@ -56,7 +58,8 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
     Returns
     -------
     list of str
-        Lines for a person; those of suspicions start with ``suspect:``.
+        Lines for a person; those of suspicions start with ``suspect:``, others that
+        alarm with ``unsure:``.
 
     Raises
     ------
@@ -84,6 +87,8 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
         )
     if table.simulated is not None:
         lines.append(f"  simulated: {table.simulated}")
+    if repeated := repeats_line(table.columns, measurements.agent):
+        lines.append(f"suspect: {repeated}")
     if negative and scene is not None and scene.clocks is None:
         lines.append("suspect: negative distances hold offsets of clocks: give the scene a table [clocks]")
     if 0 < named.mean() < 1:
@@ -96,10 +101,18 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
             body.name for body in scene.agents if body.present_s and body.name not in measurements.agents
         ]
         lines += [f"suspect: agent {name} should be there and has no row" for name in absent]
-        lines += label_and_clock_lines(measurements, scene)
+        lines += _against_scene(measurements, scene)
     if not named.all() or len(measurements.agents) > 1:
         lines.append("  for --method network or network_grid")
     return lines
+
+
+def _against_scene(measurements: NetworkMeasurements, scene: Scene) -> list[str]:
+    """What labels and clocks show, and what each agent's labelled rows do by themselves."""
+    judged, own = judge_labels(measurements, scene), devices(measurements, scene)
+    accused = [one.agent for one in judged if suspicion_lines([one], scene)]
+    few = untold_lines(judged, [device.agent for device in own])
+    return [*few, *suspicion_lines(judged, scene), *device_lines(own, accused)]
 
 
 def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasurements:

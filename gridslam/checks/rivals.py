@@ -107,26 +107,6 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
     return range_cure(table, scene, agent, top) or best
 
 
-def upheld(
-    table: Columns, read: Columns, found: list[Suspicion], scene: Scene, agent: str | None
-) -> Sight | None:
-    """What explains a table as it stands, the agent followed through doors, if no suspicion explains more.
-
-    Parameters
-    ----------
-    table, read : dict of (K,) arrays
-        As it stands, and with the columns read as the suspicions say.
-    found : list of Suspicion
-    """
-    plain = explain(table, scene, agent, thorough=True)
-    if plain.explained < least_share(scene) or not found:
-        return plain if plain.explained >= least_share(scene) else None
-    world = ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}
-    whole = read | {"aoa_rad": table["aoa_rad"]} if world else read
-    other = explain(whole, scene, agent, world, thorough=True)
-    return plain if other.evidence < plain.evidence + CLEAR else None
-
-
 def fitting_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
     """The cure of a table whose lines of sight fit, though they could better: by distances or turns."""
     return range_cure(table, scene, agent, sight) or turn_cure(table, scene, agent, sight, 0.0)
@@ -246,7 +226,7 @@ def offset_beside(
     kinds = {item.kind for item in found}
     if (
         not found
-        or kinds & {"offset", "slant", "names", "turned", "start", "agent"}
+        or kinds & {"offset", "slant", "names", "turned", "start", "agent", "second device"}
         or not both_measured(table)
     ):
         return found

@@ -10,7 +10,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.checks.line_of_sight_filter import Sight, explain
-from gridslam.checks.start_search import proposed_starts
+from gridslam.checks.start_search import APART_M, proposed_starts
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
@@ -24,8 +24,6 @@ FEWEST = 30
 """Scans that must be judged."""
 FAINTER_DB = 2.0
 """How much fainter a device may be than the other; two bounces take 3 dB at least, but of metal."""
-APART_M = 0.5
-"""How far from the agent a second device is one."""
 
 
 def second_device(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> list[Suspicion]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.checks.fit import least_share, settled
+from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.line_of_sight_filter import PARTICLES, TOLD_APART, Sight, explain
 from gridslam.checks.rivals import CERTAIN
 from gridslam.checks.sight_likelihood import ANGLE_STD
@@ -26,6 +26,10 @@ LEAST_M, SPREAD_M = 0.1, 0.2
 
 RIVAL = 25.0
 """Log likelihood ratio in nats within which another start and another cure are named side by side."""
+ELSEWHERE = {"start", "agent", "second device"}
+"""Kinds of suspicions that another start, or another's, brings."""
+APART_M = 0.5
+"""How far from the agent a second device is one."""
 NEAR_M, NEAR_RAD, LEG_M = 0.3, np.radians(10.0), 0.5
 """Beyond the prior up to where a start counts as the scene's; way by which a course is told."""
 
@@ -105,6 +109,14 @@ def other_start(
     close = [one for one in others if one[0].explained >= least_share(scene) and one[0].evidence > least]
     if close:
         sight, name = max(close, key=lambda one: one[0].evidence)
+        own = settled(table, scene, agent)
+        if _both_fit(own, sight):
+            text = (
+                f"rows of two devices, {agent} and {name}, in one table; say whose each row is, in a column "
+                "agent, or make two files"
+            )
+            told = _reason(table, scene, agent, name, plain, sight)
+            return Suspicion("agent", "second device", text, True, told), own
         text = f"the table of {name}, by where it begins (--agent {name})"
         sure = sight.evidence > best.evidence + RIVAL
         return Suspicion(
@@ -124,6 +136,13 @@ def other_start(
     text = _words(sight.start, there, body.start_heading_deg)
     sure = sight.evidence > best.evidence + RIVAL
     return Suspicion("start", "start", text, sure, _reason(table, scene, agent, None, plain, sight)), sight
+
+
+def _both_fit(one: Sight, other: Sight) -> bool:
+    """Whether a table fits from two agents' starts, nearly as well, and on two ways."""
+    together = min(len(one.position_m), len(other.position_m))
+    gap_m = np.linalg.norm(one.position_m[:together] - other.position_m[:together], axis=1)
+    return min(one.explained, other.explained) >= FITTING and bool(np.median(gap_m) >= APART_M)
 
 
 def _from_the_scenes(table: Columns, scene: Scene, agent: str) -> Sight:

@@ -11,12 +11,22 @@ from gridslam.world.columns import Columns
 LATEST_S = 1e11
 """Seconds since 1970 stay below this for 1200 years; milliseconds have been above since 1973."""
 UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (LATEST_S, "milliseconds", 1e-3))
+LARGE_S = 1e5
+"""Times from which on six digits don't tell the first from the last."""
 LONG_S, LEAST_MPS, LEAST_WAY_M = 10.0, 0.01, 1.0
 """Interval and speed that make one doubt of seconds, and how far the agent must get to tell a speed."""
 MOST_MPS = 30.0
 """Speed from which on one doubts of seconds, too."""
 LEGS, FEW = 8, 3
 """Legs of the way by which a speed is told, at most, and positions in the middle of which each ends."""
+
+
+def span(columns: Columns) -> str:
+    """From when to when a table is; of times since 1970, say, how long it is and when it begins."""
+    first, last = columns["time_s"].min(), columns["time_s"].max()
+    if not LARGE_S <= abs(first) < np.inf:
+        return f"{first:g} to {last:g} s"
+    return f"{last - first:.6g} s from {first:.13g} s on"
 
 
 def intervals(columns: Columns) -> list[str]:

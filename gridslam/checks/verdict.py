@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.checks.fit import BLIND, FITTING, settled, tells_place
+from gridslam.checks.fit import BLIND, FITTING, fitting, settled, tells_place
+from gridslam.checks.followed import followed
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
-from gridslam.checks.rivals import allowed_for, range_errors
+from gridslam.checks.rivals import allowed_for, both_measured, range_errors
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.world.columns import Columns
@@ -43,15 +44,16 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     order = np.argsort(columns["step"], kind="stable")
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
-    seen = _by_clocks(table, scene, agent, settled(table, scene, agent))
+    seen = followed(table, scene, agent, explain(table, scene, agent))
+    seen = _by_clocks(table, scene, agent, seen)
     share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
     line = f"line of sight to the anchors in {share} of {seen.judged}"
-    if seen.explained >= FITTING:
+    if seen.explained >= fitting(scene):
         line += f": units and frames fit the scene{_rest(table, seen)}"
         if seen.scans < FEW:
             return f"{line}, as far as so few scans tell"
         both = steps_to_judge_by(table, seen, scene)
-        if both < MANY and any(len(finite(columns, name)) for name in ANGLES):
+        if both < MANY and both_measured(table):
             total = len(np.unique(table["step"]))
             line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
         return line + _not_judged(table, scene, seen)

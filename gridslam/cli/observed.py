@@ -126,8 +126,16 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
 
 def hints(world: Scene, method: str, observations: Observations | None) -> list[str]:
     """What to say before a run: what a method doesn't use of what it gets, and which one is made for it."""
-    asked = angles_hint, samples_hint, elevations_hint, turn_hint
+    asked = repeats_hint, angles_hint, samples_hint, elevations_hint, turn_hint
     return [hint for one in asked if (hint := one(world, method, observations))]
+
+
+def repeats_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
+    """What to say where rows are written twice."""
+    from gridslam.checks.repeats import repeats_line
+    from gridslam.measurements.table import Measurements
+
+    return repeats_line(observations.columns) if isinstance(observations, Measurements) else None
 
 
 def samples_hint(world: Scene, method: str, observations: Observations | None) -> str | None:

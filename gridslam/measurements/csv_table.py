@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import difflib
 import io
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from gridslam.errors import InputError, Note
+from gridslam.errors import Faults, InputError, Note
 from gridslam.io.files import write_bytes
 from gridslam.measurements.foreign_columns import meant_by
 from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, UNITS, VALUES, Columns, check_columns
@@ -23,6 +24,7 @@ from gridslam.world.validation import nearest
 
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
+FILES = "a file of measurements: CSV, MATLAB (.mat) or HDF5"
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
 
@@ -206,9 +208,13 @@ def _rows(path: Path) -> Iterator[Any]:
     except csv.Error as error:
         line = reader.line_num if reader is not None else 1
         raise InputError(f"{path}: line {line}", str(error), "a CSV row") from error
-    except (OSError, UnicodeDecodeError) as error:
-        reason = (getattr(error, "strerror", None) or "bytes that aren't text").lower()
-        raise InputError(str(path), reason, "a file of measurements: CSV, MATLAB (.mat) or HDF5") from error
+    except UnicodeDecodeError as error:
+        with path.open("rb") as content:
+            wide = content.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        found = "UTF-16 text" if wide else "bytes that aren't text"
+        raise InputError(str(path), found, "UTF-8: save it as CSV UTF-8" if wide else FILES) from error
+    except OSError as error:
+        raise InputError(str(path), (error.strerror or "no readable file").lower(), FILES) from error
 
 
 def _delimiter(header: str) -> str:
@@ -228,19 +234,24 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
         raise InputError(
             where.rpartition(": ")[0], "an empty file", f"a header line {','.join((*KEYS, *VALUES))}"
         )
-    for name in header:
+    faults = list[InputError]()
+    for place, name in enumerate(header):
         meant = None if name in known else meant_by(name)
         misspelt = name not in known and difflib.get_close_matches(name.lower(), known)
         noted = meant and meant.column in ("amplitude", "agent")  # a table may do without
         if meant and meant.column not in header and (misspelt or not noted):
             found = f"a column {name!r}, and no {meant.column}"
-            raise InputError(where, found, f"{meant.column}, {meant.way}")
-        if not name or (misspelt and not meant):
-            raise InputError(where, f"an unknown column {name!r}", nearest(name, known))
-        if header.count(name) > 1:
+            rename = "" if ":" in meant.way else " (rename it)"
+            faults.append(InputError(where, found, f"{meant.column}, {meant.way}{rename}"))
+        elif not name or (misspelt and not meant):
+            faults.append(InputError(where, f"an unknown column {name!r}", nearest(name, known)))
+        elif name in header[:place]:
             both = [repr(own) for own, column in zip(written, header, strict=True) if column == name]
             found = f"columns {' and '.join(both)}" if len(set(both)) > 1 else f"column {name!r} twice"
-            raise InputError(where, found, "each column once" if len(set(both)) == 1 else "one of them")
+            allowed = "each column once" if len(set(both)) == 1 else "one of them"
+            faults.append(InputError(where, found, allowed))
+    if faults:
+        raise faults[0] if len(faults) == 1 else Faults(faults)
     # steps follow from times
     needed = [name for name in (KEYS[:2] if several else KEYS) if name != "step"]
     for name in needed:
@@ -266,6 +277,9 @@ def _number(cell: str, name: str, names: _Names | None, where: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
+        if cell.count(",") == 1 and cell.replace(",", "").lstrip("+-").isdecimal():
+            allowed = "a decimal point; decimal commas only where semicolons set cells apart"
+            raise InputError(f"{where}: {name}", f"{cell!r}, a decimal comma", allowed)
         allowed = (
             "a finite number" if name == "time_s" else "a finite number, or an empty cell if not measured"
         )

@@ -67,7 +67,8 @@ def read_signal(path: str | os.PathLike[str]) -> dict[str, Any]:
         Not such a file, cut short, links in it, more promised than it holds, or shapes that don't match.
     """
     with reading_h5(path, KIND) as file:
-        signal, group, agent = (subgroup(file, name) for name in ("signal", "anchors", "agent"))
+        signal, group = subgroup(file, "signal"), subgroup(file, "anchors")
+        agent = subgroup(file, "agent") if "agent" in file else {}  # all in it may be left out
         frequency, time = get(signal, "frequency_hz", (None,)), get(signal, "time_s", (None,))
         names = tuple(name.decode("utf-8", "replace") for name in get(group, "name", (None,), "O"))
         steps, anchors, count = len(time), len(names), len(frequency)
@@ -101,7 +102,9 @@ def read_signal(path: str | os.PathLike[str]) -> dict[str, Any]:
         }
 
 
-def _optional(group: h5py.Group, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
+def _optional(
+    group: h5py.Group | dict[str, h5py.Dataset], name: str, shape: tuple[int | None, ...]
+) -> np.ndarray | None:
     return get(group, name, shape) if name in group else None
 
 

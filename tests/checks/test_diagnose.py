@@ -4,9 +4,10 @@ from itertools import cycle
 
 import numpy as np
 import pytest
+from check_tables import simulated_columns
 
 import gridslam as gs
-from gridslam.checks.diagnose import describe, suspicions
+from gridslam.checks.diagnose import describe, summary, suspicions
 from gridslam.checks.line_of_sight_filter import explain, turning_rad
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
@@ -213,3 +214,10 @@ def test_a_table_of_unknown_clocks_is_not_judged_and_not_refused(tmp_path):
     said = describe(tmp_path / "heard.csv", scene, "agent1")
     assert said[-1].startswith("unsure: distances hold offsets of the scene's clocks, up to 33 m")
     assert not [line for line in said if line.startswith(("suspect", "refused"))]
+
+
+@pytest.mark.parametrize(("first", "says"), [(0.0, "0 to 59 s"), (1764201600.0, "59 s from 1764201600 s on")])
+def test_times_since_1970_are_told_by_their_span(first, says):
+    columns = simulated_columns("room", 1, steps=60)
+    line = summary(columns | {"time_s": columns["time_s"] + first}, ("A", "B"))[0]
+    assert f"(0 to 59, {says})" in line

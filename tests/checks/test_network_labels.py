@@ -102,7 +102,7 @@ def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, measurem
 def test_too_few_lines_of_sight_say_nothing(scene, measurements):
     bare = replace(measurements.table, aod_rad=np.full_like(measurements.table.aod_rad, np.nan))
     lines = label_and_clock_lines(replace(measurements, table=bare), scene)
-    assert lines == ["  agent1, agent3: too few lines of sight to judge labels and clocks by"]
+    assert lines == ["unsure: agent1, agent3: too few lines of sight to judge labels and clocks by"]
 
 
 @pytest.mark.slow

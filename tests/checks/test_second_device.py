@@ -40,3 +40,12 @@ def test_mirrored_robots_are_left_where_no_arrival_is_measured(tmp_path):
     both = gs.simulate(workshop(), ["r1", "r2"], 1).table
     replace(both, aoa_rad=np.full(len(both.step), np.nan)).to_csv(tmp_path / "a.csv")
     assert not any("two devices" in line for line in describe(tmp_path / "a.csv", workshop(), "r1"))
+
+
+@pytest.mark.slow
+def test_a_device_that_the_scene_knows_is_told_by_name():
+    """Each one's rows fit from its own start: it isn't the other's table."""
+    both = gs.simulate(workshop(), ["r1", "r2"], 1).table
+    (one,) = suspicions(both.columns, both.anchors, workshop(), "r2")
+    assert (one.column, one.kind, one.certain) == ("agent", "second device", True)
+    assert one.text.startswith("rows of two devices, r2 and r1, in one table")

@@ -214,3 +214,15 @@ def test_anchors_of_another_scene_are_named(tmp_path):
     assert (
         suspects(path, SCENES["one antenna"])[0] == "suspect: anchors: names that aren't the scene's (A, B)"
     )
+
+
+def test_a_file_of_one_antenna_needs_no_group_of_the_agent(say, tmp_path):
+    """All in it may be left out."""
+    gs.simulate(SCENES["one antenna"], "me", 1, what="signal").to_h5(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        del file["agent"]
+    content = (tmp_path / "a.h5").read_bytes().split(b"gridslam crc32 ")[0]
+    (tmp_path / "a.h5").write_bytes(content + seal(content))
+    result = say("check", str(tmp_path / "a.h5"))
+    assert (result.code, result.err) == (0, "")
+    assert gs.Recording.load(tmp_path / "a.h5").heading_rad is None

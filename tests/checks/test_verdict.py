@@ -31,7 +31,7 @@ def test_an_anchor_that_is_seen_later_is_not_said_to_be_out_of_sight(seen, monke
     """It may be in sight in some scans, and its rows may be wrong: what is said is what was counted."""
     table, sight = seen
     fake = replace(sight, shares=np.array([1.0, share]), first=first)
-    monkeypatch.setattr(verdict, "settled", lambda *_: fake)
+    monkeypatch.setattr(verdict, "followed", lambda *_: fake)
     line = verdict.verdict(table, np.arange(2), SCENE, "agent1")
     assert "units and frames fit the scene" in line
     scans = int((table["anchor"][sight.row] == 1).sum())

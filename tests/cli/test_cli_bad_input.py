@@ -116,6 +116,8 @@ CSV_FAULTS = {
         ROWS.replace("time_s", "time_ms"),
         "no time_s; allowed: time_s, in seconds: time_ms / 1000",
     ),
+    "time of another name": (ROWS.replace("time_s", "t_unix"), "time_s, in seconds (rename it)"),
+    "decimal commas between commas": (ROWS.replace("3.2", '"3,2"'), "'3,2', a decimal comma"),
     "steps out of order": (HEADER + "1,1.0,A,3,0,0,9\n0,0.0,A,3,0,0,9\n", "line 3"),
     "times that stand still": (HEADER + "0,1.0,A,3,0,0,9\n1,1.0,A,3,0,0,9\n", "time_s"),
     "unknown anchor": (ROWS.replace("B", "Z"), "'Z'"),
@@ -125,6 +127,22 @@ CSV_FAULTS = {
     "short row": (ROWS + "2,2.0,A\n", "line 4"),
     "negative distance": (ROWS.replace("3.2", "-3.2"), "distance_m"),
 }
+
+
+def test_all_headers_that_are_not_known_are_told_at_once(say, tmp_path):
+    (tmp_path / "bad.csv").write_text(ROWS.replace("time_s", "t_unix").replace("anchor", "anchr"))
+    result = say("check", "bad.csv")
+    assert result.code == 2
+    assert [line.partition("; ")[2] for line in result.complaints] == [
+        "allowed: time_s, in seconds (rename it)",
+        "allowed: anchor (nearest known)",
+    ]
+
+
+def test_utf_16_is_told_by_its_name(say, tmp_path):
+    (tmp_path / "bad.csv").write_text(ROWS, encoding="utf-16")
+    result = say("check", "bad.csv")
+    assert result.complaints == ["error: bad.csv: found UTF-16 text; allowed: UTF-8: save it as CSV UTF-8"]
 
 
 @pytest.mark.parametrize("fault", CSV_FAULTS)
