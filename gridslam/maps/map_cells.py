@@ -211,8 +211,19 @@ class MapCells:
         -------
         occupancy, reflection : (...) float32
             NaN off the grid, where nothing was observed, and (reflection) without hits.
+
+        Raises
+        ------
+        InputError
+            No points of two numbers each.
         """
-        cell, inside = self.index(points)
+        try:
+            asked = np.asarray(points, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError("points", repr(points)[:60], "x, y in m of one point or more") from None
+        if asked.shape[-1:] != (2,):
+            raise InputError("points", f"shape {asked.shape}", "(..., 2): x, y in m of one point or more")
+        cell, inside = self.index(asked)
         row, column = (
             np.where(inside[..., None], cell, 0)[..., 0],
             np.where(inside[..., None], cell, 0)[..., 1],

@@ -37,6 +37,12 @@ def table(quantities: Mapping[str, Quantity], time_s: ArrayLike | None, interval
     InputError
         Quantities whose shapes differ, or values that are no numbers.
     """
+    for name, quantity in quantities.items():
+        if not isinstance(quantity, Mapping):
+            found = type(quantity).__name__
+            raise InputError(
+                f"measurements: {name}", found, 'rows of paths by anchor: {"A": [[2.0, 5.5], []]}'
+            )
     first = quantities["distance_m"]
     anchors, steps = tuple(first), max((len(rows) for rows in first.values()), default=0)
     times = np.arange(steps) * interval_s if time_s is None else np.asarray(time_s, dtype=np.float64)

@@ -26,6 +26,9 @@ def scene_text(name_or_path: str | os.PathLike[str]) -> tuple[str, str]:
     InputError
         No such scene or file, or one that isn't text.
     """
+    if not isinstance(name_or_path, str | os.PathLike):
+        found = type(name_or_path).__name__
+        raise InputError("scene", found, f"{', '.join(bundled_scenes())}, or the path of a .toml file")
     path = Path(name_or_path)
     if path.name == str(name_or_path) and path.suffix != ".toml":
         if path.name not in bundled_scenes():

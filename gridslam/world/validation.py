@@ -38,6 +38,14 @@ class Strict(BaseModel):
         strict=True, extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, defer_build=True
     )
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse to change a value."""
+        if name.startswith("_"):
+            super().__setattr__(name, value)
+            return
+        allowed = "a new one: scene.with_filter(...), or gs.Scene.checked of changed scene.model_dump()"
+        raise InputError(f"{type(self).__name__}.{name}", "a change of what is given", allowed)
+
     @model_validator(mode="before")
     @classmethod
     def _know_every_key(cls, data: Any) -> Any:

@@ -43,6 +43,17 @@ def test_steps_refuse_what_is_no_scan(name, scan):
         (lambda: gs.extract("z.h5"), "found str; allowed: a Recording"),
         (lambda: gs.GridSlam(SCENE, prior_map="map.h5"), A_MAP),
         (lambda: gs.NetworkSlam(SCENE, prior_map="map.h5"), A_MAP),
+        (lambda: gs.Scene.load(5), "scene: found int; allowed: alcove"),
+        (lambda: setattr(SCENE, "name", "x"), "Scene.name: found a change"),
+        (lambda: setattr(SCENE.radio, "bandwidth_hz", 1.0), "Radio.bandwidth_hz: found a change"),
+        (
+            lambda: gs.Measurements.from_arrays([1.0]),
+            "distance_m: found list; allowed: rows of paths by anchor",
+        ),
+        (lambda: gs.Map.of_scene(SCENE).query("here"), "points: found 'here'"),
+        (lambda: gs.Map.of_scene(SCENE).query(None), r"points: found shape \(\)"),
+        (lambda: gs.Map.of_scene(SCENE).query([0, 0, 0]), r"points: found shape \(3,\)"),
+        (lambda: gs.Map.of_scene(SCENE).query([]), r"points: found shape \(0,\)"),
     ],
 )
 def test_what_is_of_another_kind_is_refused(call, told):
