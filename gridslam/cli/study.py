@@ -164,6 +164,11 @@ def _metres(value: float) -> str:
     return "-" if math.isnan(value) else f"{value:.3f} m"
 
 
+def _named(column: str, value: Any) -> str:
+    """What tells a row from others; settings with the key that was varied."""
+    return str(value) if "." not in column else f"{column.rpartition('.')[2]}={value}"
+
+
 def _table(rows: list[dict[str, Any]]) -> None:
     table = Table(box=None)
     table.add_column("")
@@ -172,7 +177,7 @@ def _table(rows: list[dict[str, Any]]) -> None:
     names = list(rows[0])
     for row in rows:
         table.add_row(
-            ", ".join(str(row[name]) for name in names[: names.index("runs")] if name in row),
+            ", ".join(_named(name, row[name]) for name in names[: names.index("runs")] if name in row),
             str(row["runs"]),
             str(row["diverged"]),
             _beside(100 * row["position_settled_rmse_m"], "cm", row["position_to_unknown_map_bound"]),
@@ -180,12 +185,13 @@ def _table(rows: list[dict[str, Any]]) -> None:
             _metres(row["surface_ospa_m"]),
             _metres(row["image_ospa_m"]),
             f"{row['nees_in_band']:.0%}",
-            f"{row['ray_excess']:+.2f}",
+            "-" if math.isnan(row["ray_excess"]) else f"{row['ray_excess']:+.2f}",
         )
     Console(width=max(out.width, WIDEST_TABLE)).print(table)
     note = (
-        "after step 50; x: times the bound of an unknown map; MOSPA: of the surfaces at the end; VAs: of the "
-        "paths' virtual anchors; NEES: share of all steps in its 95 % band; paths: detected minus true"
+        "after step 50 (of shorter runs the second half); x: times the bound of an unknown map; MOSPA: of the "
+        "surfaces at the end; VAs: of the paths' virtual anchors; NEES: share of all steps in its 95 % band; "
+        "paths: detected minus true"
     )
     out.print(note, highlight=False, soft_wrap=True)
 

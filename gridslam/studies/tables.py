@@ -86,7 +86,10 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
         size = batch.steps["position_error_m"].shape[1]
         late = slice(min(SETTLED, size // 2), size)
         position, heading = batch.rmse("position_error_m")[late], batch.rmse("heading_error_rad")[late]
-        nees = batch.mean("position_nees")
+        nees, rays = batch.mean("position_nees"), batch.mean("rays")
+        excess = np.full(2, np.nan)  # of a method that tells no paths
+        if rays.any():
+            excess = np.array([(rays - m[:, :size])[:, late].mean() for m in (mark.rays, mark.likely_rays)])
         rows.append(
             _who(batch)
             | {
@@ -102,8 +105,8 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
                 "surface_ospa_m": batch.surface_ospa_m,
                 "image_ospa_m": float(batch.mapped(batch.mean("image_ospa_m"))[late].mean()),
-                "ray_excess": float((batch.mean("rays") - mark.rays[:, :size])[:, late].mean()),
-                "likely_ray_excess": float((batch.mean("rays") - mark.likely_rays[:, :size])[:, late].mean()),
+                "ray_excess": float(excess[0]),
+                "likely_ray_excess": float(excess[1]),
                 "seconds_per_step": float(
                     np.median([r["agents"][batch.agent]["cost"]["seconds_per_step"] for r in batch.records])
                 ),

@@ -59,6 +59,8 @@ def test_tables_add_up(scene, tmp_path):
     bare = summary_rows(found)[0]
     assert np.isnan([bare["image_ospa_m"], bare["surface_ospa_m"]]).all()
     assert bare["ray_excess"] == 1
+    found[0].steps["rays"] = 0 * found[0].steps["rays"]
+    assert np.isnan([summary_rows(found)[0][f"{what}ray_excess"] for what in ("", "likely_")]).all()
     found[0].steps["surfaces"][:] = 0  # as of features, from which surfaces follow at the end
     for record in found[0].records:
         record["agents"][found[0].agent]["scores"] |= {"surfaces_detected": 2, "surface_ospa_m": 0.04}
