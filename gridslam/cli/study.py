@@ -190,8 +190,8 @@ def _table(rows: list[dict[str, Any]]) -> None:
     Console(width=max(out.width, WIDEST_TABLE)).print(table)
     note = (
         "after step 50 (of shorter runs the second half); x: times the bound of an unknown map; MOSPA: of "
-        "the surfaces at the end; VAs: of the paths' virtual anchors; NEES: share of all steps in its 95 % band; "
-        "paths: detected minus true"
+        "the surfaces at the end; VAs: of the paths' virtual anchors; NEES: share of all steps in its 95 % "
+        "band; paths: detected minus true"
     )
     out.print(note, highlight=False, soft_wrap=True)
 
