@@ -39,6 +39,13 @@ def fit_notes(
     return [*_misfit_notes(world, runs, observations, file, scene), *truth_notes(world, runs, observations)]
 
 
+def radio_notes(world: Scene) -> list[str]:
+    """What of the scene's radio can hardly be meant."""
+    from gridslam.checks.scene_lines import implausible_radio
+
+    return [f"suspect: {found}" for found in implausible_radio(world)]
+
+
 def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
     """Whose motion the scene's filter settings are too narrow for, and how wide they were taken."""
     settings, notes = world.filter, []

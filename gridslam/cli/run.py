@@ -12,7 +12,7 @@ from rich.console import Console
 
 from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
-from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, silence_notes
+from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, radio_notes, silence_notes
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     hints,
@@ -112,13 +112,15 @@ def _run_in_turn(asked: Asked) -> None:
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
             progress = _progress(runs, observations, names)
-            notes = _height_notes(runs) + jolt_notes(world, runs)
+            notes = radio_notes(world) + _height_notes(runs) + jolt_notes(world, runs)
             notes += map_notes(given, runs[-1].map, asked.map_file)
             notes += silence_notes(world, given, runs, observations, asked.map_file)
             if file is not None:
                 notes += fit_notes(world, runs, observations, file, asked.scene)
             given_files = source([by_name[one.agent] for one in runs if by_name])
             settings = dict(given_files)
+            if asked.map_file is not None:
+                settings["map"] = str(asked.map_file)
             if file is not None:  # nobody knows how exact it is
                 settings["start"] = "scene"
             done = Done(runs, observations, scores, settings, progress, notes=notes, before=before)

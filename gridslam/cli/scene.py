@@ -18,7 +18,7 @@ out = Console()
 scene_app = Commands(no_args_is_help=True, help="Make, show and import scene files.")
 POSES = "x,y or x,y,deg, or with heights x,y,z,deg"
 UNTURNED = "no angle told, so 0 degrees: it faces along x"
-KINDS = "FILE.geojson, FILE.json or FILE.dxf"
+KINDS = "FILE.geojson, FILE.json or FILE.dxf (Inkscape saves an SVG drawing as DXF)"
 
 
 def register(app: typer.Typer) -> None:
@@ -47,7 +47,7 @@ def new_scene(
         raise InputError("-o", repr(output.name), "a name that ends in .toml")
     refuse_taken([output], overwrite)
     name = output.stem if label_fault(output.stem) is None else "scene"
-    world = Scene.load("room").model_copy(update={"name": name, "description": "A room to begin with"})
+    world = Scene.load("room").model_copy(update={"name": name, "description": ""})
     write_bytes(output, commented(world, all_keys=True).encode("utf-8"))
     _say(f"wrote {output}; to see that it is right: gridslam check {output}")
 

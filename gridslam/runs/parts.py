@@ -7,6 +7,7 @@ this machine, is ever swept: a name alone proves nothing.
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import shutil
@@ -116,3 +117,14 @@ def put_away(part: Path, name: str, process: str) -> Path:
         aside = part  # without its sign nothing sweeps it here, either
     unsign(aside)
     return aside
+
+
+def how_it_ended(folder: Path) -> str:
+    """Why nothing is left to do of a run that was written; empty if none was."""
+    try:
+        agents = json.loads((folder / "run.json").read_text(encoding="utf-8"))["agents"].values()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return ""
+    if any(isinstance(one, dict) and one.get("interrupted") for one in agents):
+        return "a run that was cut short and kept no checkpoint"
+    return "a finished run: nothing is left to do"

@@ -21,7 +21,7 @@ from gridslam.errors import InputError
 from gridslam.io.files import cannot_write, put_in_place, settle_folder, write_bytes
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.observations import NAMES, Observations, kind_of, read_observations
-from gridslam.runs.parts import INDEX, UNFINISHED, unfinished_part
+from gridslam.runs.parts import INDEX, UNFINISHED, how_it_ended, unfinished_part
 from gridslam.runs.pieces import OfOne, OfSeveral, Pieces, exact_json
 from gridslam.runs.reservation import Place
 from gridslam.world.scene import Scene
@@ -307,8 +307,7 @@ def read_unfinished(directory: str | os.PathLike[str]) -> Unfinished:
     """
     part = unfinished_part(directory)
     if part is None:
-        done = (Path(directory) / "run.json").is_file()
-        found = "a finished run: nothing is left to do" if done else "no unfinished run"
+        found = how_it_ended(Path(directory)) or "no unfinished run"
         raise InputError(str(directory), found, "the folder of a run with --checkpoint")
     return Unfinished.read(part)
 

@@ -124,6 +124,7 @@ def _head(run: RunFiles) -> str:
         f"method {summary.get('method', '?')}",
         f"seed {summary.get('seed', '?')}",
         f"device {summary.get('device', '?')}",
+        *([f"begun with {summary['map']}"] if summary.get("map") else []),
     ]
     about = f"<p>{escape(scene.description)}</p>" if scene.description else ""
     notes = "".join(f"<p><strong>Note:</strong> {escape(note)}</p>" for note in _notes(run))
