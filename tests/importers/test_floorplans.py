@@ -230,7 +230,7 @@ def test_import_command(say, tmp_path):
     assert "note" not in reported
     scene = Scene.load(tmp_path / "hall.toml")
     assert (scene.name, len(scene.anchors), scene.grid.cell_m) == ("hall", 2, 0.2)
-    told = say("scene", "import", "plan.geojson", "-o", "shout.toml", "--reflection", "WALL=0.4").out
+    _, told, _ = say("scene", "import", "plan.geojson", "-o", "shout.toml", "--reflection", "WALL=0.4")
     assert "wall: 1 wall, 0.4 (as asked for)" in told
     before = sorted(tmp_path.iterdir())
     for more, option in (
