@@ -120,7 +120,8 @@ def _run_in_turn(asked: Asked) -> None:
             given_files = source([by_name[one.agent] for one in runs if by_name])
             settings = dict(given_files)
             if asked.map_file is not None:
-                settings["map"] = str(asked.map_file)
+                folder_too = "/".join(asked.map_file.resolve().parts[-2:])  # most are called map.h5
+                settings["map"] = source([asked.map_file])["source"] | {"file": folder_too}
             if file is not None:  # nobody knows how exact it is
                 settings["start"] = "scene"
             done = Done(runs, observations, scores, settings, progress, notes=notes, before=before)

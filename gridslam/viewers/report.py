@@ -117,14 +117,14 @@ def _share(
 
 
 def _head(run: RunFiles) -> str:
-    scene, summary = run.scene, run.summary
+    scene, summary, earlier = run.scene, run.summary, run.summary.get("map")
     facts = [
         f"anchors {', '.join(scene.anchor_names)}",
         "true walls known" if scene.walls else "walls not known",
         f"method {summary.get('method', '?')}",
         f"seed {summary.get('seed', '?')}",
         f"device {summary.get('device', '?')}",
-        *([f"begun with {summary['map']}"] if summary.get("map") else []),
+        *([f"begun with {earlier.get('file', '?')}"] if isinstance(earlier, dict) else []),
     ]
     about = f"<p>{escape(scene.description)}</p>" if scene.description else ""
     notes = "".join(f"<p><strong>Note:</strong> {escape(note)}</p>" for note in _notes(run))
