@@ -15,12 +15,7 @@ CANYON = short("canyon", 40)
 ONE, OTHER = (agent.name for agent in CANYON.agents)
 SPOILT = {
     "round trip": lambda t, own: {"distance_m": t.distance_m * np.where(own, 2, 1)},
-    "centimetres": lambda t, own: {"distance_m": t.distance_m * np.where(own, 100, 1)},
     "flipped": lambda t, own: {"aoa_rad": np.where(own, -t.aoa_rad, t.aoa_rad)},
-    "swapped": lambda t, own: {
-        "aod_rad": np.where(own, t.aoa_rad, t.aod_rad),
-        "aoa_rad": np.where(own, t.aod_rad, t.aoa_rad),
-    },
     "turned": lambda t, own: {"aod_rad": wrap(t.aod_rad + 0.7 * (own & (t.anchor == 1)))},
     "milliseconds": lambda t, own: {"time_s": 1e3 * t.time_s},
 }
@@ -68,7 +63,7 @@ def test_an_error_of_one_device_is_named_with_it(heard):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", sorted({*SPOILT} - {"flipped"}))
+@pytest.mark.parametrize("kind", ["milliseconds", "round trip", "turned"])
 def test_usual_errors_of_one_device_are_named(heard, kind):
     *others, found = devices(spoilt(heard, kind), CANYON)
     assert kind in {item.kind for item in found.found}

@@ -61,8 +61,9 @@ def test_check_of_several_devices_does_as_well(say, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
 def test_run_notes_them(say, tmp_path):
-    few = {name: values[: len(values) // 20] for name, values in HEARD.items()}
+    few = {name: values[: len(values) // 40] for name, values in HEARD.items()}
     file = written({name: np.repeat(values, 2) for name, values in few.items()}, tmp_path / "a.csv")
     result = say("run", "room", "--measurements", file, "-o", str(tmp_path / "out"))
     assert result.code == 0
