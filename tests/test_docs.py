@@ -165,6 +165,7 @@ def script(name):
     return module
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["scene-file.md", "file-formats.md", "methods.md"])
 def test_generated_page_is_the_one_that_is_committed(page):
     """If it isn't: `python docs/generate.py` (and a line on what is new, where it says so)."""

@@ -51,6 +51,7 @@ def test_gate_runs_the_test_command_of_the_readme():
     assert test in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
 
 
+@pytest.mark.slow
 def test_sample_of_own_data_fits_the_room_and_gives_no_phantom_wall(say, tmp_path):
     """Each wall found lies on a wall of the scene, 8 x 6 m about the origin."""
     page = (DOCS / "tutorials" / "own-data.md").read_text(encoding="utf-8")

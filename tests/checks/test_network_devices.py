@@ -16,6 +16,10 @@ ONE, OTHER = (agent.name for agent in CANYON.agents)
 SPOILT = {
     "round trip": lambda t, own: {"distance_m": t.distance_m * np.where(own, 2, 1)},
     "flipped": lambda t, own: {"aoa_rad": np.where(own, -t.aoa_rad, t.aoa_rad)},
+    "swapped": lambda t, own: {
+        "aod_rad": np.where(own, t.aoa_rad, t.aod_rad),
+        "aoa_rad": np.where(own, t.aod_rad, t.aoa_rad),
+    },
     "turned": lambda t, own: {"aod_rad": wrap(t.aod_rad + 0.7 * (own & (t.anchor == 1)))},
     "milliseconds": lambda t, own: {"time_s": 1e3 * t.time_s},
 }

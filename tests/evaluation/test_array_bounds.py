@@ -36,6 +36,7 @@ def test_one_antenna_is_the_information_of_distances():
     np.testing.assert_allclose(found[::3, ::3], expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_paths_apart_tell_what_each_tells_and_overlapping_ones_less():
     amplitude = np.array([40.0 + 0j, 30.0])
 

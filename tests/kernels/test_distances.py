@@ -48,6 +48,7 @@ def searched(band, samples, prior, noise, rounds, halvings=6, farthest=0.1):
     return (distance, information, value[0]), expected
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 7), st.integers(0, 3), st.booleans())
 @settings(max_examples=25, deadline=None)
 def test_a_search_goes_where_the_twins_goes(seed, count, rounds, coincide):

@@ -110,6 +110,7 @@ def test_an_ascent_in_several_launches_is_that_in_one():
         np.testing.assert_array_equal(whole, parts)
 
 
+@pytest.mark.slow
 def test_the_best_features_on_the_way_are_kept_and_kinds_hold():
     one, kind = world(6, features=3, noise=1e-2), np.array([0, 1, 2], np.int32)
     wild = PLAN * [1, 1, 1, 30, 30, 30, 30]  # steps of a metre lead away again

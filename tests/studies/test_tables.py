@@ -157,6 +157,7 @@ def test_bound_of_the_map_counts_surfaces_there_and_unknowable_ones_as_the_cutof
     np.testing.assert_allclose(bent.mospa_at_bounds_m, [3.0, 2.75, 0.45])
 
 
+@pytest.mark.slow
 def test_errors_while_hidden_are_drawn_beside_what_is_claimed_of_methods_on_samples():
     screen = Scene.load("screen")
     short = screen.model_dump(exclude_none=True)

@@ -103,6 +103,7 @@ def test_bounds_know_of_unknown_heights():
     assert unknown_map_bound(unknown, "agent1").information.shape == known[0].information.shape
 
 
+@pytest.mark.slow
 def test_estimates_of_heights_are_written_and_go_on_from_a_checkpoint(tmp_path):
     scene = unsure(BOTH, 0.05, None, 0.05)
     measurements, slam = gs.simulate(scene, "agent1", 3), gs.AdaptiveSlam(scene, seed=1)

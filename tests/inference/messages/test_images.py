@@ -124,6 +124,7 @@ def test_the_line_of_sight_is_reclaimed_from_what_stands_in_its_place(model):
     assert state.links.intensity[0] == 50.0
 
 
+@pytest.mark.slow
 def test_mode_and_covariance_are_those_of_the_posterior():
     """Three overlapping paths, against importance sampling of their distances."""
     rng = np.random.default_rng(3)

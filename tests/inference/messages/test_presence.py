@@ -60,6 +60,7 @@ def test_presence_weighs_the_samples_with_and_without_each_path(used):
     assert 0.01 < after[0] < 0.999
 
 
+@pytest.mark.slow
 def test_a_hidden_feature_is_noticed_keeps_its_power_and_comes_back():
     model, draw, one = signal_model(), np.random.default_rng(6), belief(features=1)
     for step in range(30):

@@ -66,6 +66,7 @@ def stretch_and_gains(points, powers):
     return stretch, first_gains(stretch, left)
 
 
+@pytest.mark.slow
 def test_samples_less_what_features_explain_are_those_of_the_covariance_of_all():
     # by the whole covariance, with a line of sight of which nothing is known
     from gridslam import reference

@@ -72,6 +72,7 @@ def test_a_bent_pulse_is_found():
     assert np.abs(bend - bend.mean()).mean() > 3 * np.abs(ratio - 1).mean(), "most of it is found"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("entry", [0, 5, 8, 20, 49])
 def test_slopes_are_those_of_the_log_likelihood(entry):
     known, wave = world(2, seed=3)

@@ -57,6 +57,7 @@ def density(model, z, place, heading, noise, los, image):
     return -np.vdot(z, np.linalg.solve(covariance, z)).real - np.linalg.slogdet(np.pi * covariance)[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("features", "los"), [(0, 300.0), (1, 300.0), (0, 0.0), (1, 5.0)])
 def test_messages_are_those_of_every_particle_node_and_visibility_listed(features, los):
     model, draw = signal_model(frequencies=15), np.random.default_rng(features)
