@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.inference.state.surface_bank import SETTLED, SurfaceBank
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import mirror, unit
 
@@ -24,8 +24,9 @@ BELIEVED, DOUBTED = 0.5, 0.35
 """Existence of a ray from which on its surfaces aren't out of sight, and below which its silence says nothing
 of surfaces that were seen often: single bounces of a new agent begin at one half, and count until they were
 missed; double bounces begin below."""
-LASTING = 30
-"""Sightings from which on a surface is spared: ghosts are heard now and then, too."""
+LASTING = SETTLED
+"""Sightings from which on a surface is spared, as many as one of an earlier map counts: ghosts are heard at
+some thirty steps, too."""
 SUREST = 1 - 1e-7
 """Greatest existence of a surface."""
 CLEAR_M = 0.4
