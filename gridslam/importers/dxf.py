@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, NAMED_M, Line, unit_m
+from gridslam.importers.plan_lines import LARGEST_BYTES, MOST_PIECES, NAMED_M, Line, unit_m
 
 UNITS_M = {
     1: 0.0254, 2: 0.3048, 3: 1609.344, 4: 1e-3, 5: 1e-2, 6: 1.0, 7: 1e3, 10: 0.9144, 14: 0.1, 15: 10.0,

@@ -16,53 +16,15 @@ import tomli_w
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.importers.plan_lines import MOST_PIECES, Line
 from gridslam.world.grid_memory import CELL_BYTES, MOST_BYTES, in_gb
 from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import SAME_PLACE_M, Wall
 
 KNOWN = {"concrete": 0.7, "glass": 0.3}
 ASSUMED = 0.7
-MOST_PIECES, FARTHEST_M = 20_000, 10_000.0
-LARGEST_BYTES = 2**26
+FARTHEST_M = 10_000.0
 MARGIN_M, ROUND_M = 1.0, 0.5
-NAMED_M = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Units of drawings and GeoJSON, as --unit names them."""
-
-
-@dataclass(frozen=True)
-class Line:
-    """One wall of a plan.
-
-    Attributes
-    ----------
-    points : tuple of (x, y), m
-        Corners of a polyline; empty for an arc.
-    material : str
-    closed : bool
-        Whether the last corner joins the first.
-    reflection : float or None
-        Amplitude reflection coefficient that the file gives.
-    name : str or None
-    arc : dict or None
-        An arc as in scene files.
-    """
-
-    points: tuple[tuple[float, float], ...]
-    material: str = "concrete"
-    closed: bool = False
-    reflection: float | None = None
-    name: str | None = None
-    arc: Mapping[str, Any] | None = None
-
-    @property
-    def wall(self) -> dict[str, Any]:
-        """The entry of a scene file."""
-        entry: dict[str, Any] = {"name": self.name} if self.name else {}
-        entry["material"] = self.material
-        if self.arc is not None:
-            return entry | {"arc": dict(self.arc)}
-        entry["points_m"] = [list(point) for point in self.points]
-        return entry | {"closed": True} if self.closed else entry
 
 
 @dataclass(frozen=True)
@@ -242,18 +204,31 @@ def plan_of(
         raise InputError(source, f"{pieces} pieces of walls", f"at most {MOST_PIECES}")
     places = [np.reshape(line.points or [line.arc["centre_m"]], (-1, 2)) for line in drawn]  # type: ignore[index]
     whole = np.concatenate(places)
-    width, height = np.ptp(whole, axis=0)
-    need = width * height / plan.cell_m**2 * CELL_BYTES
-    if need > MOST_BYTES:
-        found = (
-            f"a plan of {width:.0f} m x {height:.0f} m, whose cells of {plan.cell_m:g} m need {in_gb(need)}"
-        )
-        allowed = f"{in_gb(MOST_BYTES)}: --unit mm or cm where it isn't in metres, or a larger --cell"
-        raise InputError(source, found, allowed)
+    _check_size(plan, np.ptp(whole, axis=0))
     if np.abs(whole).max() > FARTHEST_M:
         near = f"--origin {whole[:, 0].min() + origin_m[0]:.0f},{whole[:, 1].min() + origin_m[1]:.0f}"
         raise InputError(source, f"walls {np.abs(whole).max():.0f} m from the origin", near)
+    _check_places(plan)
     return plan
+
+
+def _check_size(plan: Plan, size: Array) -> None:
+    """Refuse walls within so large a `size` (2,) m that there are too many cells."""
+    need = size[0] * size[1] / plan.cell_m**2 * CELL_BYTES
+    if need > MOST_BYTES:
+        found = f"a plan of {size[0]:.0f} m x {size[1]:.0f} m, whose cells of {plan.cell_m:g} m need"
+        allowed = f"{in_gb(MOST_BYTES)}: --unit mm or cm where it isn't in metres, or a larger --cell"
+        raise InputError(plan.source, f"{found} {in_gb(need)}", allowed)
+
+
+def _check_places(plan: Plan) -> None:
+    """Refuse anchors and a start so far outside the walls that the region has too many cells."""
+    width, height = np.ptp(plan.region, axis=1)
+    need = width * height / plan.cell_m**2 * CELL_BYTES
+    if need > MOST_BYTES and plan.outside:
+        found = f"{plan.outside[0]}, so a region of {width:.0f} m x {height:.0f} m, whose cells need"
+        allowed = f"{in_gb(MOST_BYTES)}: places in m (--origin moves the walls), or a larger --cell"
+        raise InputError("--anchor, --start", f"{found} {in_gb(need)}", allowed)
 
 
 def _of_materials(asked: Mapping[str, float], lines: Sequence[Line], source: str) -> dict[str, float]:
@@ -272,19 +247,6 @@ def _of_materials(asked: Mapping[str, float], lines: Sequence[Line], source: str
             raise InputError("--reflection", repr(name), f"what {source} has: {', '.join(known)}")
         found |= dict.fromkeys(own, value)
     return found
-
-
-def unit_m(unit: str) -> float:
-    """Metres in a unit that --unit names.
-
-    Raises
-    ------
-    InputError
-        It isn't one of `NAMED_M`.
-    """
-    if unit not in NAMED_M:
-        raise InputError("--unit", repr(unit), ", ".join(NAMED_M))
-    return NAMED_M[unit]
 
 
 def _moved(line: Line, origin: tuple[float, float]) -> Line | None:

@@ -16,7 +16,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
-from gridslam.importers.floorplans import LARGEST_BYTES, MOST_PIECES, Line, unit_m
+from gridslam.importers.plan_lines import LARGEST_BYTES, MOST_PIECES, Line, unit_m
 from gridslam.io.files import write_bytes
 from gridslam.maps.walls import WallSegments
 

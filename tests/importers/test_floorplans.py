@@ -10,8 +10,9 @@ from gridslam.cli.main import main
 from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.importers import geojson
-from gridslam.importers.floorplans import Line, plan_of
+from gridslam.importers.floorplans import plan_of
 from gridslam.importers.plan_files import write_plan
+from gridslam.importers.plan_lines import Line
 from gridslam.world.geometry import line_through
 from gridslam.world.scene import Scene
 
@@ -207,6 +208,14 @@ def test_anchor_far_outside_the_walls_is_said(say, tmp_path):
     ]
     reported = say("scene", "import", "plan.geojson", "-o", "far.toml", "--anchor", "90,5.2")[1]
     assert "note: anchor A at 90, 5.2 m stands 82.0 m outside the walls" in reported
+
+
+def test_an_anchor_in_centimetres_is_named_before_any_memory(say, tmp_path):
+    save(tmp_path / "plan.geojson", feature("Polygon", [ROOM]))
+    code, *_, said = say("scene", "import", "plan.geojson", "-o", "far.toml", "--anchor", "500,520,0")
+    assert code == 2
+    assert "error: --anchor, --start: found anchor A at 500, 520 m stands 711.5 m outside the walls" in said
+    assert not (tmp_path / "far.toml").exists()
 
 
 def test_an_angle_that_nobody_told_is_said_to_be_0(say, tmp_path):
