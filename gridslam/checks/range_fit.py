@@ -25,6 +25,8 @@ SURE = 0.7
 """Probability from which on a row is taken for a line of sight."""
 ROUNDS, COARSE_M = 6, 0.5
 """Of Gauss-Newton; first steps in which sizes are tried."""
+HEIGHT_ROUNDS = 4
+"""Over all anchors: a height that is found moves the others."""
 
 
 @dataclass(frozen=True)
@@ -85,14 +87,42 @@ def fits(
     count = int(np.isfinite(sights).sum() - 3 * len(sights))
     found = [RangeFit(None, 0.0, float(_misfit(sights, places, None, np.zeros(1))[0]), count)]
     for error in errors:
-        least, most = (0.0, MOST_HEIGHT_M) if error.kind == "slant" else (-MOST_OFFSET_M, MOST_OFFSET_M)
-        sizes = np.arange(least, most + COARSE_M, COARSE_M)
-        for spread in (COARSE_M, 0.2 * COARSE_M, 0.04 * COARSE_M):  # finer and finer about the best so far
-            costs = _misfit(sights, places, error, sizes)
-            size, cost = float(sizes[np.argmin(costs)]), float(costs.min())
-            sizes = np.clip(size + spread * np.linspace(-1, 1, 11), least, most)
-        found.append(RangeFit(error, size, cost, count))
+        size, misfit = _best_size(sights, places, error)
+        found.append(RangeFit(error, size, misfit, count))
     return found
+
+
+def fit_heights(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> tuple[Array, RangeFit] | None:
+    """Fit a height of its own to each anchor, one after the other; None as `fits` is empty.
+
+    Returns
+    -------
+    heights : (J,) m
+        Above or below the agent; 0 of an anchor that tells nothing.
+    fit : RangeFit
+        Without an error of one size.
+    """
+    sights = _sight_measurements(columns, sight, scene)
+    if sights is None:
+        return None
+    places = np.column_stack([scene.anchor_positions, np.full(len(scene.anchors), COARSE_M)])
+    misfit = np.inf
+    for _ in range(HEIGHT_ROUNDS):
+        for number in range(len(places)):
+            places[number, 2], misfit = _best_size(sights, places, RangeError("slant", (number,)))
+    return places[:, 2], RangeFit(None, 0.0, misfit, int(np.isfinite(sights).sum() - 3 * len(sights)))
+
+
+def _best_size(sights: Array, places: Array, error: RangeError) -> tuple[float, float]:
+    """The size of an error that leaves the least misfit, and that; finer and finer about the best so far."""
+    least, most = (0.0, MOST_HEIGHT_M) if error.kind == "slant" else (-MOST_OFFSET_M, MOST_OFFSET_M)
+    sizes = np.arange(least, most + COARSE_M, COARSE_M)
+    size = cost = 0.0
+    for spread in (COARSE_M, 0.2 * COARSE_M, 0.04 * COARSE_M):
+        costs = _misfit(sights, places, error, sizes)
+        size, cost = float(sizes[np.argmin(costs)]), float(costs.min())
+        sizes = np.clip(size + spread * np.linspace(-1, 1, 11), least, most)
+    return size, cost
 
 
 def steps_to_judge_by(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> int:

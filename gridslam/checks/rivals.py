@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.checks.fit import FITTING, least_share, settled
+from gridslam.checks.forgotten_heights import forgotten_heights
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
@@ -160,6 +161,10 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     best, error = ranked[0], ranked[0].error
     if error is None or abs(best.size_m) < error.least_m or best.gain(plain) < PROBABLE:
         return None
+    heights = forgotten_heights(table, scene, agent, sight, best)
+    if heights is not None:
+        suspicion, level = heights
+        return Cure(suspicion, level, settled(level, scene, agent))
     alike = [fit for fit in ranked[1:] if best.gain(fit) < CLEAR]
     if best.misfit > MOST_MISFIT * best.count or not _named_beside(best, alike):
         return None

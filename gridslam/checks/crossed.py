@@ -1,0 +1,104 @@
+"""Where lines of sight of several anchors cross at steps of a table, and what may be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.inference.health.crossings import crossing_of
+from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, fitted, summed, things
+from gridslam.inference.health.range_watch import LEAST_STEPS, in_sight
+from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.world.columns import Columns
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
+
+LONGEST = 1000
+"""Steps that are looked at, of a long table the first."""
+ENOUGH = 0.7
+"""Share of the steps at which they must cross, and of what is left at most, where a turn does as well."""
+BOUNDS = (1000.0, 300.0, 100.0, 30.0, 10.0, 4.0, 4.0)
+"""Misfit per number beyond which steps are left out of a fit, from round to round."""
+COLUMNS = (
+    "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude", "distance_std_m", "aod_std_rad", "aoa_std_rad",
+)  # fmt: skip
+"""What a crossing is worked out of."""
+
+
+@dataclass(frozen=True, eq=False)
+class Crossed:
+    """Steps at which lines of sight cross.
+
+    Attributes
+    ----------
+    steps : list of int
+    gaps : list of Gaps
+    sights : (N, J) bool
+        Which anchors were in sight.
+    heard : int
+        How many steps were looked at.
+    """
+
+    steps: list[int]
+    gaps: list[Gaps]
+    sights: NDArray[np.bool_]
+    heard: int
+
+    @classmethod
+    def of(cls, table: Columns, model: FilterModel) -> Crossed | None:
+        """Those of a table; None where there are too few to tell anything."""
+        crossings = list(_crossings(table, model))
+        if len(crossings) < LEAST_STEPS:
+            return None
+        gaps = [Gaps.of(crossing) for _, crossing in crossings]
+        sights = np.array([in_sight(crossing.slope, model.senders) for _, crossing in crossings])
+        return cls([step for step, _ in crossings], gaps, sights, min(len(np.unique(table["step"])), LONGEST))
+
+    @cached_property
+    def fits(self) -> list[Fit]:
+        """How well each thing explains them that may be wrong all the time; nothing first."""
+        heights = any(step.information[-1, -1] > 0 for step in self.gaps)
+        return [fit_of(self.gaps, thing) for thing in things(self.sights.sum(0).tolist(), heights)]
+
+    @property
+    def numbers(self) -> float:
+        """In all gaps."""
+        return sum(step.numbers for step in self.gaps)
+
+    def is_behind(self, cured: Crossed | None) -> bool:
+        """Whether no place of an anchor explains more than a cure does, of as many steps."""
+        if cured is None:
+            return False
+        own = min(fit.misfit for fit in self.fits if fit.thing.is_shift or not fit.thing.columns)
+        few = len(self.gaps) < ENOUGH * len(cured.gaps)
+        return few or own / self.numbers > ENOUGH * cured.fits[0].misfit / cured.numbers
+
+
+def _crossings(table: Columns, model: FilterModel) -> Iterator[tuple[int, Crossing]]:
+    """A table's steps at which lines of sight cross, and where."""
+    steps, begin = np.unique(table["step"], return_index=True)
+    columns = {name: table[name] for name in COLUMNS if name in table}
+    for step, first, end in zip(steps[:LONGEST], begin, [*begin[1:], len(table["step"])], strict=False):
+        rows = slice(first, end)
+        scan = Scan(int(step), float(step), **{name: values[rows] for name, values in columns.items()})
+        scans = split_by_anchor(scan, model)
+        crossing = crossing_of(scans, own_deviations(scans, model.radio), model)
+        if crossing is not None:
+            yield int(step), crossing
+
+
+def fit_of(gaps: Sequence[Gaps], thing: Thing) -> Fit:
+    """The fit of something that may be wrong to the steps that it explains; the others cost a bound each.
+
+    At some steps what is taken for a line of sight came over a wall.
+    """
+    kept = list(gaps)
+    for bound in BOUNDS:
+        fit, errors = fitted(summed(kept), thing)
+        kept = [step for step in gaps if step.misfit(errors) <= bound * step.numbers] or kept
+    misfit = sum(min(step.misfit(errors), BOUNDS[-1] * step.numbers) for step in gaps)
+    return fit._replace(misfit=misfit)
