@@ -1,16 +1,15 @@
 """Docs and citations: links, keys, files and quotes lead to what is there."""
 
-import importlib.util
 import inspect
 import re
 import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from docs_scripts import script
 from floors import FLOORS
 
 from gridslam.systems import grid
@@ -154,15 +153,6 @@ def test_picture_of_the_architecture_shows_the_floors_that_are_tested():
     for name in names:
         floors.setdefault(float(name.attrib["y"]), []).append(str(name.text))
     assert [" ".join(floors[y]) for y in sorted(floors)] == list(FLOORS)
-
-
-def script(name):
-    """A script of docs/, as a module."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look there
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.slow

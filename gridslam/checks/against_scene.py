@@ -14,6 +14,7 @@ from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
 from gridslam.checks.rivals import (
+    CERTAIN,
     EXPLAINED,
     MOST_BEHIND,
     both_measured,
@@ -54,6 +55,9 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
         cure = fitting_cure(read, scene, agent, sight)
         if cure is None and not found and one_in_sight(sight) and both_measured(asis):
             cure = offset_alone(asis, scene, agent, sight)
+        if cure is not None and cure.suspicion is not None and cure.suspicion.kind == "turned":
+            held = upheld(read, cure.table, [cure.suspicion], scene, agent, sight, CERTAIN)
+            cure = cure if held is None else None
         if cure is not None:
             found += [cure.suspicion] if cure.suspicion is not None else []
             sight, cured = cure.sight, cure.table

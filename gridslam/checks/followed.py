@@ -60,8 +60,9 @@ def followed(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> S
 
 
 def upheld(
-    table: Columns, read: Columns, found: list[Suspicion], scene: Scene, agent: str | None, plain: Sight
-) -> Sight | None:
+    table: Columns, read: Columns, found: list[Suspicion], scene: Scene, agent: str | None, plain: Sight,
+    margin: float = CLEAR,
+) -> Sight | None:  # fmt: skip
     """What explains a table as it stands, if no suspicion explains more.
 
     A right table that the agent was lost in is explained worse than a wrong one that it wasn't. So it is
@@ -74,6 +75,8 @@ def upheld(
     found : list of Suspicion
     plain : Sight
         What is explained as it stands, without these.
+    margin : float
+        Log likelihood ratio in nats that they must reach.
     """
     if not found:
         best = followed(table, scene, agent, plain)
@@ -86,6 +89,6 @@ def upheld(
         if way.get("sharp") and one_in_sight(own):
             break
         most = max(most, explain(whole, scene, agent, world, **way).evidence)  # of what is less free, too
-        if own.explained >= least_share(scene) and most < own.evidence + CLEAR:
+        if own.explained >= least_share(scene) and most < own.evidence + margin:
             return followed(table, scene, agent, plain)
     return None

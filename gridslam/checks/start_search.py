@@ -147,7 +147,8 @@ def _both_fit(one: Sight, other: Sight) -> bool:
 
 def _from_the_scenes(table: Columns, scene: Scene, agent: str) -> Sight:
     """What is explained from the scene's start by as many particles as begin anywhere, or through doors."""
-    seen = explain(table, scene, agent, crowd=MOST // PARTICLES), settled(table, scene, agent)
+    through = explain(table, scene, agent, thorough=True)  # who is slow, or turns, is followed best so
+    seen = explain(table, scene, agent, crowd=MOST // PARTICLES), settled(table, scene, agent), through
     return max(seen, key=lambda one: (one.explained >= least_share(scene), one.evidence))
 
 

@@ -5,7 +5,10 @@ import re
 import numpy as np
 import pytest
 from check_tables import BRIEF, SCENES, named, simulated_columns
+from docs_scripts import script
 
+import gridslam as gs
+from gridslam.checks.diagnose import suspicions
 from gridslam.world.geometry import wrap
 
 
@@ -52,3 +55,12 @@ def test_a_table_of_one_anchor_and_two_that_are_turned_each_by_its_own():
     alone = {key: values[columns["anchor"] == 0] for key, values in columns.items()}
     (found,) = named(turned(alone, 0, 90), "room")
     assert re.match(r"anchor A is turned by -[89]\d degrees", found.text)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2000, 2032])
+def test_no_anchor_is_accused_where_the_agent_is_slow_and_goes_around_bends(seed):
+    """A filter that is led astray by its own motion explains angles worse than another reading does."""
+    scene = script("random_plans").scene_of(seed, 40.0, "grid")
+    table = gs.simulate(scene, "agent1", seed)
+    assert suspicions(dict(table.columns), table.anchors, scene, "agent1") == []
