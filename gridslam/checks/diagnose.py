@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks import elevations, time_units
 from gridslam.checks.against_scene import against_scene
+from gridslam.checks.deviations import variances
 from gridslam.checks.fillers import padding
 from gridslam.checks.repeats import repeats_line
 from gridslam.checks.scene_lines import implausible_radio
@@ -191,6 +192,7 @@ def suspicions(
         return [*found, Suspicion("anchor", "anchors", text, True, f"found {', '.join(names)}")]
     table = columns | {"anchor": place[columns["anchor"]]}
     who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
+    found += variances(table, scene)
     return found + against_scene(table, scene, who, {item.column for item in plain})
 
 

@@ -13,6 +13,9 @@ from gridslam.world.scene import Scene
 LEAST_CARRIER_HZ, LEAST_BANDWIDTH_HZ = 1e6, 1e5
 """Below these a radio can't be meant: at 100 kHz two paths must differ by 3 km to be told apart."""
 
+MOST_NAMED = 12
+"""Anchors up to which each is said of how often it is in sight."""
+
 
 def scene_lines(scene: Scene) -> list[str]:
     """Say what a scene holds, and of each agent with a way how much of it an anchor is in sight.
@@ -69,10 +72,13 @@ def _beyond(scene: Scene) -> list[str]:
 
 def _in_sight(scene: Scene, way: Array) -> str:
     """Share of positions (N, 2) at which an anchor is in sight, and the longest stretch without."""
-    seen = np.zeros(len(way), bool)
-    for place in scene.anchor_positions:
-        seen |= visible(np.broadcast_to(place, way.shape), way, scene.segments())
+    places = (np.broadcast_to(place, way.shape) for place in scene.anchor_positions)
+    each = np.array([visible(place, way, scene.segments()) for place in places])
+    seen = each.any(0)
+    shares = zip(scene.anchor_names, each.mean(1), strict=True)
+    named = ", ".join(f"{name} {share:.0%}" for name, share in shares) if 1 < len(each) <= MOST_NAMED else ""
     line = f"{counted(len(way), 'step')}, an anchor in sight at {seen.mean():.0%} of them"
+    line += f" ({named})" * bool(named)
     if seen.all():
         return line
     edges = np.flatnonzero(np.diff(np.concatenate([[True], seen, [True]]).astype(int)))

@@ -31,7 +31,7 @@ class Suspicion:
         "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds", "fast",
         "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
         "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
-        "dB", "power" or "level".
+        "dB", "power", "level" or "variances".
     text : str
         What it looks like and what to do.
     certain : bool

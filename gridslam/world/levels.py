@@ -141,7 +141,8 @@ def check_heights(
     for index, anchor in enumerate(anchors):
         if (len(anchor.position_m) > 2) != tall:
             same = "[x, y, z]" if tall else "[x, y]"
-            found, allowed = str(list(anchor.position_m)), f"{same}, as of the first anchor"
+            found = str(list(anchor.position_m))
+            allowed = f"{same}, as of the first anchor: all have heights, or none has"
             raise fault(f"anchors[{index}].position_m", found, allowed)
     for index, agent in enumerate(agents):
         if tall and agent.height_m is None:

@@ -96,7 +96,8 @@ class Scan:
             time = float(self.time_s)
             anchor = np.asarray(self.anchor)
             if anchor.size and anchor.dtype.kind not in "iu":
-                raise ValueError("anchors are indices")
+                many = f"whole numbers, 0 to {anchors - 1}: which of the scene's anchors"
+                raise InputError("scan: anchor", f"{anchor.ravel()[0]!r}"[:40], many)
             anchor = anchor.astype(np.intp, copy=False)
             given |= {n: np.full(anchor.shape, np.nan) for n in VALUES if given[n] is None}
             columns = {n: real(v) for n, v in given.items() if v is not None}

@@ -78,7 +78,8 @@ def test_an_unfinished_run_is_no_missing_file(say, tmp_path, command):
 
 def test_scene_tells_where_no_anchor_is_in_sight(say):
     result = say("check", "hall")
-    assert "agent1: 450 steps, an anchor in sight at 91% of them, at none from step 100 to 139" in result.out
+    sights = "an anchor in sight at 91% of them (A 51%, B 65%), at none from step 100 to 139"
+    assert f"agent1: 450 steps, {sights}" in result.out
     assert repr(gs.Scene.load("hall")) == "<Scene hall: 2 anchors, 5 walls, 1 agent>"
 
 

@@ -1,0 +1,35 @@
+"""Variances in columns of deviations are named by what the radio measures; rough deviations aren't."""
+
+import numpy as np
+import pytest
+from check_tables import SCENES, simulated_columns
+
+from gridslam.checks.deviations import variances
+
+ROOM = SCENES["room"]
+
+
+def table(factor=1.0, power=1.0):
+    """A table whose deviations are those of its radio, times a factor, to a power."""
+    columns = simulated_columns("room", 3, steps=20)
+    usual = ROOM.signal_model().distance_scale / columns["amplitude"]
+    return columns | {"distance_std_m": (factor * usual) ** power}
+
+
+@pytest.mark.parametrize("factor", [0.6, 1.0, 1.5])
+def test_squares_are_named_with_what_they_should_be(factor):
+    (found,) = variances(table(factor, 2), ROOM)
+    assert (found.column, found.kind, found.certain) == ("distance_std_m", "variances", False)
+
+
+@pytest.mark.parametrize("factor", [0.2, 0.5, 1.0, 3.0, 10.0])
+def test_deviations_are_not(factor):
+    assert variances(table(factor), ROOM) == []
+
+
+def test_little_tells_nothing():
+    few = {name: values[:10] for name, values in table(1, 2).items()}
+    assert variances(few, ROOM) == []
+    missing = table(1, 2) | {"amplitude": np.full(len(table()["step"]), np.nan)}
+    assert variances(missing, ROOM) == []
+    assert variances({"step": np.zeros(0)}, ROOM) == []
