@@ -35,7 +35,7 @@ BAD = {
     "time is text": (lambda scan: replace(scan, time_s="soon"), "scan: found could not convert"),
     "short column": (lambda scan: replace(scan, aod_rad=scan.aod_rad[:-1]), r"scan: aod_rad: found shape \("),
     "table for a column": (lambda scan: replace(scan, amplitude=np.ones((2, 2))), "amplitude: found shape"),
-    "anchors by name": (lambda scan: replace(scan, anchor=["A"] * len(scan)), "anchor: found .*A.* whole numb"),
+    "anchors by name": (lambda scan: replace(scan, anchor=["A"] * len(scan)), "anchor: found .*A.*whole"),
     "unknown anchor": (changed("anchor", 1, 7), r"scan: anchor\[1\]: found 7; allowed: 0 to 1"),
     "anchor below 0": (changed("anchor", 0, -1), r"scan: anchor\[0\]: found -1"),
     "infinite distance": (changed("distance_m", 2, np.inf), r"scan: distance_m\[2\]: found inf"),
