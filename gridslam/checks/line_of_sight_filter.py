@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.checks.range_errors import RangeError
+from gridslam.checks.remembered import remembered
 from gridslam.checks.sight_likelihood import QUANTITIES, SightLikelihood
 from gridslam.checks.views import in_view
 from gridslam.world.geometry import slant, unit
@@ -82,6 +83,7 @@ class Sight:
         return f"{self.scans} scans" + (f" of the first {self.first} steps" if self.first else "")
 
 
+@remembered
 def explain(
     columns: Mapping[str, NDArray],
     scene: Scene,
@@ -133,6 +135,7 @@ def explain(
     walls, stands, heights = scene.segments(), scene.anchor_positions, scene.heights(agent)
     turn, lasting = np.radians(scene.filter.heading_deg), LASTING if thorough else 0.0
     widest = max(turn, SHARP_RAD) if sharp else turn
+    facing = scene.anchor_orientations
     evidence, track = 0.0, list[Array]()
     likeliest, ranges, chances = list[int](), list[float](), list[float]()
     for after, anchors, rows, count in scans:
@@ -142,7 +145,7 @@ def explain(
         away = some.position - stands[anchors, None]
         direction = np.arctan2(away[..., 1], away[..., 0])
         distance = some.distances(away, anchors, heights[anchors], error)
-        ahead = direction - scene.anchor_orientations[anchors, None]
+        ahead = direction - facing[anchors, None]
         behind = direction + (np.pi if world_arrival else np.pi - some.heading)
         expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))
         ratio = likelihood.ratio(rows, np.repeat(np.arange(len(anchors)), count), expected)
@@ -270,9 +273,8 @@ class _Particles:
         going = lasting * self.going + np.sqrt(1 - lasting**2) * draw.standard_normal(self.position.shape)
         turn = np.where(np.arange(len(self.heading)) % SHARP_ONES == 0, widest_rad, turn_rad)
         heading = self.heading + gap * turn * draw.standard_normal(len(self.heading))
-        return replace(
-            self, position=self.position + gap * self.pace[:, None] * going, heading=heading, going=going
-        )
+        position = self.position + gap * self.pace[:, None] * going
+        return _Particles(position, heading, self.pace, going, self.begun, self.size_m)
 
     def distances(
         self, away: Array, anchors: NDArray[np.intp], heights: Array, error: RangeError | None
