@@ -69,9 +69,11 @@ def advance(
     """
     ranges = _ranges(population, scan, model, work)
     population, info = _advanced(population, scan, model, work, start, step)
-    if ranges.doubt:
+    if ranges.doubt and not population.best.monitor.distrusted:  # who may be elsewhere can't accuse anchors
         info = info.doubted(ranges.doubt)
-    return population if ranges is population.ranges else replace(population, ranges=ranges), info
+    best = population.best
+    best = replace(best, monitor=best.monitor.judged(info.health.ok))
+    return replace(population, states=(best, *population.states[1:]), ranges=ranges), info
 
 
 def _ranges(population: Population[State], scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:
