@@ -105,3 +105,4 @@ def test_names_that_are_exchanged_in_mid_run_are_a_leap_and_accuse_nobody():
     assert max(off[:35]) < 0.5 < 2 < min(off[35:])
     assert not any(said[20:35])
     assert all(LEAPT in why and "anchor" not in why for why in said[35:])
+    assert slam.population.sights is None
