@@ -97,12 +97,18 @@ def silence_notes(
 
 
 def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
-    """What they show of their distances: clocks, or heights."""
+    """What they show of their distances: clocks, or heights.
+
+    Nothing where an agent moved as none can: names that are exchanged in mid-run look like a clock, too.
+    """
     from gridslam.checks.range_note import range_note
+    from gridslam.inference.health.reasons import LEAPT
 
     with busy("looking at the distances"):
         notes = [
-            (done.agent, range_note(world, done.agent, h)) for done, h in zip(runs, observations, strict=True)
+            (done.agent, range_note(world, done.agent, h))
+            for done, h in zip(runs, observations, strict=True)
+            if not any(LEAPT in one.health.why for one in done.estimates)
         ]
     return [f"{agent}: {note}" for agent, note in notes if note]
 

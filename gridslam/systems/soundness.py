@@ -13,6 +13,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.inference.health.range_fits import errors_of
 from gridslam.inference.health.range_watch import RangeWatch
+from gridslam.inference.health.sight_watch import SightWatch
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
 from gridslam.inference.state.anchor_measurements import LEAST_STD
@@ -38,6 +39,8 @@ def require_sound_population(population: Population[State], model: FilterModel, 
     require_sound_weights(population, where)
     if population.ranges is not None:
         _require_sound_ranges(population.ranges, errors_of(model.senders), f"{where}/ranges")
+    if population.sights is not None:
+        _require_sound_sights(population.sights, model.senders, f"{where}/sights")
     for number, state in enumerate(population.states):
         require_sound(state, model, f"{where}/states/{number}")
 
@@ -53,6 +56,18 @@ def _require_sound_ranges(ranges: RangeWatch, errors: int, where: str) -> None:
     require_claims(claims, where)
     for number, late in enumerate(ranges.late):
         _require_sound_ranges(late, errors, f"{where}/late/{number}")
+
+
+def _require_sound_sights(sights: SightWatch, anchors: int, where: str) -> None:
+    """Refuse sums of what lines of sight say of so many anchors that can't be."""
+    shapes = [
+        ("right", sights.right.shape, (anchors,)),
+        ("looks", sights.looks.shape, (2, anchors)),
+        ("checked", sights.checked.shape, (2, anchors)),
+        ("sums", sights.sums.shape, (2, anchors, 4, 4)),
+    ]
+    require_shapes(shapes, where)
+    require_claims([("sums", bool(np.isfinite(sights.sums).all()), "finite")], where)
 
 
 def require_sound_weights(population: Population[Any], where: str) -> None:

@@ -220,6 +220,8 @@ def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, sca
         ("grid/evidence", lambda data: np.full(data.shape, np.nan)),
         ("ranges/information", lambda data: data[:2, :2]),
         ("ranges/vector", lambda data: np.full(data.shape, np.nan)),
+        ("sights/sums", lambda data: np.full(data.shape, np.nan)),
+        ("sights/looks", lambda data: data[:1]),
     ],
 )
 def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, scene, scans, tmp_path, monkeypatch):

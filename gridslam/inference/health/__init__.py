@@ -13,6 +13,8 @@ reason              said when                                   by              
                     clutter
 `found_again`       pose recovery moved the agent 0 to 4 steps  `monitor.HealthMonitor.assess`   section 9
                     ago
+`leapt`             up to 99 steps ago it was moved to where  `monitor.HealthMonitor.assess`   (M512)
+                    no motion may have led
 `few_explained`     half as many loud measurements as usual     `monitor.HealthMonitor.assess`   section 9
                     are explained
 `little_power`      known paths have less than a fifth of the   `signal_watch.SignalWatch`       section 9
@@ -22,7 +24,8 @@ reason              said when                                   by              
                     other has been since (direct SLAM)
 `misfit`            innovations leave their chi-square band     `monitor`, `signal_watch`        section 9
 `clutter`           an anchor's clutter is 3 times the scene's  `monitor.HealthMonitor.assess`   (M46)
-`turned`            an anchor's turn is beyond doubt            `monitor.HealthMonitor.assess`   section 9
+`turned`            an anchor's turn is beyond doubt            `monitor.HealthMonitor.assess`,  section 9,
+                                                                `sight_watch.SightWatch`         (M511)
 `few_particles`     fewer than 3 (hybrid SLAM: 30) carry an     `monitor`,                       section 9, 15
                     association, where the belief is particles  `signal_watch.assess_particles`
 `early`             at over half of the latest steps        `signal_watch`                   (M451)
@@ -47,9 +50,13 @@ reason              said when                                   by              
                     found again up to 4 steps ago
 `offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
 `shifted`, `of_late`
+`offset`, `shifted` an anchor's line of sight has been longer   `sight_watch.SightWatch`         (M510)
+`of_late`           or shorter by the same of late, where the
+                    place is known
 ==================  ==========================================  ===============================  ============
 
 `monitor` (measured paths) and `signal_watch` (samples) judge one state by how measurements fitted it. `doubt`
 judges all hypotheses by evidence, which `management.challenge` compares. `range_watch` judges what no filter
-can see, by where lines of sight cross (`crossings`).
+can see, by where lines of sight cross (`crossings`); `sight_watch` what a filter can that knows its place, by
+each line of sight alone. Where the agent moved as no motion does, anchors aren't accused.
 """

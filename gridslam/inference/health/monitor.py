@@ -32,6 +32,9 @@ MOST_LOUD = 30
 AFRESH, ENOUGH, UNCERTAIN = 5, 4, 20
 """Steps for which a recovery is reported; loud measurements needed to call the agent lost, and, over some ten
 steps, to call it found; scans of fewer after which it no longer counts as lost."""
+TRUSTED, DISTRUSTED = 20, 100
+"""Steps from being well, within which a place counts as where the agent was; and for which another isn't
+trusted that no motion led to from there."""
 NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
 """Sums of an anchor before its measurements were taken in."""
 
@@ -61,6 +64,10 @@ class HealthMonitor:
         Steps for which the agent counts as lost if too little is heard to tell; 0 while it is followed.
     look : FreshLook
         Of an agent of a network: what lines of sight alone have said of it lately.
+    leap_m, since_leap : float, int
+        How far from where its motion led a trusted agent was found (m), and steps since; (M512).
+    since_well : int
+        Steps since health was well.
     """
 
     misfit: float = 0.0
@@ -75,6 +82,9 @@ class HealthMonitor:
     dropped: int = 0
     lost: int = field(default=0, metadata={"later": True})
     look: FreshLook = field(default=FreshLook(), metadata={"later": True})
+    leap_m: float = field(default=0.0, metadata={"later": True})
+    since_leap: int = field(default=1_000_000, metadata={"later": True})
+    since_well: int = field(default=1_000_000, metadata={"later": True})
 
     def begun(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
@@ -86,6 +96,8 @@ class HealthMonitor:
             loud=KEEP * self.loud,
             silent=0 if scan_size else self.silent + 1,
             since=self.since + 1,
+            since_leap=self.since_leap + 1,
+            since_well=self.since_well + 1,
             crowd=0,
             dropped=0,
         )
@@ -119,6 +131,24 @@ class HealthMonitor:
     def found_again(self) -> Self:
         """The agent was found by other means than following it."""
         return replace(self, since=0, lost=0)
+
+    def leapt(self, metres: float) -> Self:
+        """The agent is taken to be elsewhere, so far from where its motion led; 0 if it may have led there.
+
+        One that hasn't been well for long was somewhere else all the while; and one that leaps again is still
+        where its first leap led.
+        """
+        surprises = metres > 0 and self.since_well <= TRUSTED and not self.distrusted
+        return replace(self, leap_m=metres, since_leap=0) if surprises else self
+
+    def judged(self, well: bool) -> Self:
+        """Health was well at this step, or wasn't."""
+        return replace(self, since_well=0) if well else self
+
+    @property
+    def distrusted(self) -> bool:
+        """Whether the place is one that no motion led to: it may be another world, in which all is wrong."""
+        return self.since_leap < DISTRUSTED
 
     def still_lost(self) -> Self:
         """The agent was lost at this step, and not found."""
@@ -158,6 +188,8 @@ class HealthMonitor:
         found += self.look.reasons()
         if self.since < AFRESH:
             found.append(reasons.found_again(self.since))
+        if self.distrusted:
+            found.append(reasons.leapt(self.leap_m, self.since_leap))
         if self.usual > 0 and share < LOST * self.usual:
             found.append(reasons.few_explained(share, self.usual))
         if ratio > max(called, MISFIT):
@@ -168,7 +200,7 @@ class HealthMonitor:
         clutter = max(levels, default=0.0) / stated
         if clutter > LOUD_CLUTTER:
             found.append(reasons.clutter(clutter))
-        if turned.any():
+        if turned.any() and not self.distrusted:
             worst = int(np.abs(turned).argmax())
             found.append(reasons.turned(model.anchor_names[worst], float(np.degrees(turned[worst]))))
         # a Gaussian asks them for likelihoods alone

@@ -201,8 +201,10 @@ def beyond_doubt(fits: Sequence[Fit], count: float, most: float = 0.0) -> tuple[
         return ()
     if 0.5 * (plain.misfit - best.misfit - most) < CERTAIN * scale:
         return ()
-    near = [best, *(fit for fit in ranked[1:] if 0.5 * (fit.misfit - best.misfit) < CLEAR * scale)]
-    return tuple(near) if all(fit.thing.is_shift for fit in near[1:]) else ()
+    near = [fit for fit in ranked[1:] if 0.5 * (fit.misfit - best.misfit) < CLEAR * scale]
+    if not all(fit.thing.is_shift for fit in near):
+        return ()
+    return (best, *(fit for fit in near if math.hypot(*fit.size) <= FARTHEST_M))
 
 
 def words(found: Sequence[Fit], model: FilterModel) -> str:

@@ -13,6 +13,8 @@ TURNABLE = "nothing tells by how much all is turned about the one anchor"
 MIRRORED = "a mirrored place may fit as well: no other anchor has been in sight since both did"
 ONE_ELSEWHERE = "one anchor stands elsewhere than the scene says"
 OFF_GRID = "the agent has left the grid"
+LEAPT = "as no motion does"
+"""Of `leapt`, what tells it from all others."""
 ASTRAY = "what it hears isn't used for what all agents share"
 
 
@@ -34,6 +36,11 @@ def unchecked(spread_m: float) -> str:
 def found_again(steps: int) -> str:
     """The agent was lost, and found by other means than following it."""
     return f"agent found again {steps} steps ago"
+
+
+def leapt(metres: float, steps: int) -> str:
+    """The agent was found where its motion doesn't lead in the time, so far off."""
+    return f"moved {metres:.1f} m at once {steps} steps ago, as no motion does: it may be elsewhere"
 
 
 def few_explained(share: float, usual: float) -> str:

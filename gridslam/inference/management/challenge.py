@@ -17,6 +17,7 @@ from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.free_turn import ANY
 from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.poses.pose_fix import Sources, known_sources
+from gridslam.inference.management.poses.pose_recovery import freed, leap
 from gridslam.inference.management.poses.pose_score import Snapshot
 from gridslam.inference.management.poses.pose_search import (
     POSE,
@@ -26,6 +27,7 @@ from gridslam.inference.management.poses.pose_search import (
     line_of_sight_poses,
     near,
 )
+from gridslam.inference.messages.motion import predict_agent
 from gridslam.inference.state.anchor_measurements import AnchorScan, SplitScan, split_by_anchor
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import Population
@@ -170,11 +172,21 @@ def challenged(
         rivals += branches_of(state, leading(modes, mapped, population), velocity)
     states = [*population.states, *rivals]
     here = together(states)[len(population) :, : len(population)].any(1)
-    rivals = [rivals[k] for k in np.flatnonzero(~here)]
+    rivals = [_leapt(rivals[k], population.states, scan, model) for k in np.flatnonzero(~here)]
     if not rivals:
         return population
     log = [*population.log_weight, *[population.log_weight[0] - HANDICAP] * len(rivals)]
     return population.having([*population.states, *rivals], log, population.guard)
+
+
+def _leapt(rival: State, states: Sequence[State], scan: Scan, model: FilterModel) -> State:
+    """A rival that says by how far no motion leads there from where the agent may have been."""
+    settings, leaps = model.settings, list[float]()
+    for state in states:
+        elapsed = 0.0 if state.time_s is None else scan.time_s - state.time_s
+        led = freed(predict_agent(state.belief, elapsed, settings), elapsed, settings.acceleration_mps2)
+        leaps.append(leap(led, rival.belief.mean[POSE], rival.belief.covariance[np.ix_(POSE, POSE)]))
+    return replace(rival, monitor=rival.monitor.leapt(min(leaps)))
 
 
 def anywhere(state: State, model: FilterModel) -> Belief:

@@ -14,6 +14,7 @@ from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.doubt import Doubt, places
 from gridslam.inference.health.range_watch import RangeWatch
+from gridslam.inference.health.sight_watch import SightWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import HANDICAP, challenged, snapshot_of, watched
 from gridslam.inference.management.jolts import Step, stepped
@@ -69,9 +70,35 @@ def advance(
     """
     ranges = _ranges(population, scan, model, work)
     population, info = _advanced(population, scan, model, work, start, step)
-    if ranges.doubt:
-        info = info.doubted(ranges.doubt)
-    return population if ranges is population.ranges else replace(population, ranges=ranges), info
+    population = _sighted(population, scan, model, work)
+    # of two anchors whose lines of sight don't cross, their own tell which is wrong
+    doubt = (population.sights.doubt if population.sights else "") or ranges.doubt
+    if doubt and not population.best.monitor.distrusted:  # who may be elsewhere can't accuse anchors
+        info = info.doubted(doubt)
+    best = population.best
+    best = replace(best, monitor=best.monitor.judged(info.health.ok))
+    return replace(population, states=(best, *population.states[1:]), ranges=ranges), info
+
+
+def _sighted(
+    population: Population[State], scan: Scan, model: FilterModel, work: Workspace
+) -> Population[State]:
+    """The population with what lines of sight say of their anchors, and turns that they tell beyond doubt."""
+    state = population.best
+    if state.monitor.distrusted:
+        return population if population.sights is None else replace(population, sights=None)
+    known = len(population) == 1 and not population.searching
+    looks = (state.step - 1) % LOOK_EVERY == 0  # at the scans that crossings are looked for in
+    if not (known and looks and model.radio.departs and len(scan)):
+        return population
+    scans = work.once(split_by_anchor, scan, model)
+    deviations = work.once(own_deviations, scans, model.radio)
+    sights = population.sights or SightWatch.start(model.senders)
+    sights = sights.looked(scans, deviations, state.belief, state.calibration, model)
+    sights, calibration = sights.turns_told(state.calibration)
+    if calibration is not state.calibration:
+        state = replace(state, calibration=calibration)
+    return replace(population, states=(state,), sights=sights)
 
 
 def _ranges(population: Population[State], scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:

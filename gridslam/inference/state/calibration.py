@@ -115,6 +115,13 @@ class Calibration:
         listened[anchor] = keep * listened[anchor] + 1
         return replace(self, clutter=clutter, listened=listened)
 
+    def told(self, anchor: int, turned: float, weight: float) -> Self:
+        """An anchor is turned by so much (rad, with 1 / rad^2), whatever was believed of it: (M511)."""
+        turn, turn_weight = self.turn.copy(), self.turn_weight.copy()
+        turn_weight[anchor] = TURN_STD**-2 + weight
+        turn[anchor] = turned * turn_weight[anchor]
+        return replace(self, turn=turn, turn_weight=turn_weight)
+
     def fitted(self, fits: Array) -> Self:
         """Take in how the measurements of all anchors fitted, (J, 9); see `gridslam.kernels.SUMS`."""
         pull, weight = fits[:, 2:4].sum(0).tolist()

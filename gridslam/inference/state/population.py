@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.health.doubt import Doubt
 from gridslam.inference.health.range_watch import RangeWatch
+from gridslam.inference.health.sight_watch import SightWatch
 from gridslam.inference.state.past import Past
 
 S = TypeVar("S")
@@ -49,6 +50,8 @@ class Population(Generic[S]):
         Whether all hypotheses are wrong.
     ranges : RangeWatch or None
         What lines of sight that cross say of the distances; None before the first step.
+    sights : SightWatch or None
+        What lines of sight say of their anchors, at places that are well known; None before the first look.
     past : Past or None
         What was received so far, where it may be looked at again; None where it won't be.
 
@@ -66,6 +69,7 @@ class Population(Generic[S]):
     since: int = field(default=1_000_000, metadata=LATER)
     watch: Doubt = field(default_factory=Doubt, metadata=LATER)
     ranges: RangeWatch | None = None
+    sights: SightWatch | None = field(default=None, metadata=LATER)
     past: Past[S] | None = field(default=None, metadata=LATER)
 
     FORMER_NAMES: ClassVar = ("ImagePopulation", "NetworkPopulation")

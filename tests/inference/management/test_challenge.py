@@ -175,6 +175,7 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     )
     several = challenged(lost, scans[20], start(model), model, slam.work)
     assert several.states[0] is wrong, "challengers begin with a handicap"
+    assert all(state.monitor.leap_m > 1.5 for state in several.states[1:]), "no motion leads there"
     here = np.linalg.norm(poses(several)[1:, :2] - track.position_m[20], axis=1)
     sizes = [len(state.surfaces) for state, off in zip(several.states[1:], here, strict=True) if off < 0.3]
     assert sorted(sizes) == [0, len(wrong.surfaces)]

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gridslam import runtime
-from gridslam.arrays import replace
+from gridslam.arrays import Array, replace
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.amplitudes import detection_table
@@ -68,6 +68,7 @@ def recover_pose(
     if fix is None or not fix.clear or not (fix.better or not lost):
         return replace(state, monitor=state.monitor.still_lost()) if lost else state
     monitor = state.monitor.found_again() if lost else state.monitor
+    monitor = monitor.leapt(leap(belief, fix.pose, blurred(fix.covariance)))
     after = moved(belief, fix, float(model.start_variance[2]))
     state = replace(state, monitor=monitor)
     if state.parked is not None and not after.covariance[:AGENT, AGENT:].any():  # put elsewhere
@@ -117,25 +118,45 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
     velocity : float
         Variance of each component (m^2/s^2) where the fix is too far off for the motion to lead there.
     """
-    blurred = BLUR**2 * fix.covariance + np.diag([0.02**2, 0.02**2, 0.02**2])
+    wide = blurred(fix.covariance)
     gap = fix.pose - belief.mean[POSE]
     gap[2] = wrap(gap[2])
-    own = belief.covariance[np.ix_(POSE, POSE)] + blurred
+    own = belief.covariance[np.ix_(POSE, POSE)] + wide
     if gap @ np.linalg.solve(own, gap) < TOO_FAR**2:
         select = np.zeros((3, len(belief.mean)))
         select[range(3), POSE] = 1.0
         gain = belief.covariance @ select.T @ np.linalg.inv(own)
         mean = belief.mean + gain @ gap
         rest = np.eye(len(mean)) - gain @ select
-        covariance = rest @ belief.covariance @ rest.T + gain @ blurred @ gain.T
+        covariance = rest @ belief.covariance @ rest.T + gain @ wide @ gain.T
     else:
         mean, covariance = belief.mean.copy(), belief.covariance.copy()
         mean[POSE], mean[2:4] = fix.pose, 0.0
         covariance[:AGENT], covariance[:, :AGENT] = 0.0, 0.0
-        covariance[np.ix_(POSE, POSE)] = blurred
+        covariance[np.ix_(POSE, POSE)] = wide
         covariance[2, 2] = covariance[3, 3] = velocity
     mean[HEADING] = wrap(mean[HEADING])
     return replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T))
+
+
+def blurred(covariance: Array) -> Array:
+    """Covariance (3, 3) of a pose that a scan told which is used once more in the step."""
+    return BLUR**2 * covariance + np.diag([0.02**2, 0.02**2, 0.02**2])
+
+
+def leap(belief: Belief, pose: Array, covariance: Array) -> float:
+    """How far a pose (3,) is from where a belief puts the agent (m), where that is too far; else 0, (M512).
+
+    Parameters
+    ----------
+    belief : Belief
+        At the time of the pose, with room for what its motion may have been.
+    covariance : (3, 3)
+        Of the pose.
+    """
+    gap = pose[:2] - belief.mean[:2]
+    own = belief.covariance[:2, :2] + covariance[:2, :2]
+    return float(np.hypot(*gap)) if gap @ np.linalg.solve(own, gap) > TOO_FAR**2 else 0.0
 
 
 def crowd(scans: Sequence[AnchorScan]) -> int:
