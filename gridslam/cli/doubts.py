@@ -64,11 +64,12 @@ def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
 
 def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
     """Where a map that was given, and the map that was made of it, contradict each other."""
-    from gridslam.maps.contradictions import contradictions
+    from gridslam.maps.contradictions import contradictions, moved_walls
 
     if earlier is None:
         return []
-    return list(contradictions([earlier, later], [str(file), "this run's map"]))
+    moved = moved_walls(earlier, later, str(file))
+    return [*contradictions([earlier, later], [str(file), "this run's map"]), *filter(None, [moved])]
 
 
 def silence_notes(

@@ -3,7 +3,8 @@
 A surface is an endless line, and the extent that goes with it runs from its first hit to its last: across
 doors, streets and whatever lies between two walls in one line. The cells know better. Along the line, a place
 is open where rays went through all cells next to it, as sure as a cell can be; it is wall where a cell next
-to it was hit or is more likely occupied than before; and it is unknown else.
+to it was hit, and not just faintly where rays speak against it, or is more likely occupied than before; and
+it is unknown else.
 
 What is wall comes in pieces. Two of them are one wall if the gap between them is short, both in all and where
 it is open, and neither piece is much shorter than the gap: one measurement that is off by metres puts a hit
@@ -26,15 +27,18 @@ OPEN_NAT = -3.0
 occupancy as low as the prior: that alone opens nothing."""
 WALL_NAT = 1.0
 """Evidence above which a cell speaks for a wall."""
-HIT_NAT = 0.3
-"""Spread of the evidence over reflection coefficients, best to worst, from which a cell counts as hit."""
+HIT_NAT, FAINT_NAT = 0.3, 2.0
+"""Spread of the evidence over reflection coefficients, best to worst, from which a cell counts as hit; and up
+to which only where rays don't speak against it: hits of a wall that wasn't known well yet, as those beside a
+door, are spread over what lies next to them."""
 SURE_HIT_NAT = 1.0
 """A stretch needs a cell with so large a spread, where rays don't speak against it, or one that speaks for a
 wall: faint hits alone leave open where a wall ends."""
 LONGEST_OPEN_M = 0.3
 """Between two pieces of a wall, so much may be open at a stretch: gaps of the evidence."""
-LONGEST_GAP_M = 0.7
-"""So much may lie between them in all, open or unknown: less than any door is wide."""
+LONGEST_GAP_M = 0.5
+"""So much may lie between them in all, open or unknown: any door is wider, but hits are spread into it from
+both sides."""
 LEAST_SHARE = 0.4
 """Of a gap's length, how long the pieces beside it must be."""
 REACH_CELLS, MOST_REACH_CELLS = 1.0, 3.0
@@ -168,7 +172,7 @@ def _states(
     hit = np.where(inside, hits[at], 0.0).max(axis=1)
     most = evidence.max(axis=1)
     solid = most > WALL_NAT
-    is_wall = (hit > HIT_NAT) | solid
+    is_wall = (hit > np.where(most < 0, FAINT_NAT, HIT_NAT)) | solid
     state = np.where(most < OPEN_NAT, OPEN, np.where(is_wall, WALL, UNKNOWN))
     return state, ((hit > SURE_HIT_NAT) & (most >= 0)) | solid, most
 

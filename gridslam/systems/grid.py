@@ -11,6 +11,7 @@ import numpy as np
 
 from gridslam.inference.management.in_sight import spare_unseen
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.passed_through import doubt_passed
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.representation import representation_of
 from gridslam.inference.management.step_info import StepInfo, conclude
@@ -50,7 +51,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     )  # fmt: skip
     if prior is None:
         return replace(state, grid=Grid.empty(model.grid.shape))
-    grid = Grid.of(prior.evidence, prior.observed, prior.coefficient)
+    grid = Grid.inherited(prior.evidence, prior.observed, prior.coefficient)
     return replace(inherit_surfaces(state, prior), grid=grid)
 
 
@@ -96,6 +97,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = update_cells(state, work=work)  # eq. (46)
     state = learn_surface_walks(recalled, state)  # (M361)
     state = spare_unseen(recalled, state, model)  # (M495)
+    state = doubt_passed(recalled, state, model)  # (M502)
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs
     )  # section III-F
@@ -145,7 +147,7 @@ def with_cells(own: Map, state: State) -> Map:
     grid = state.require_grid()
     return replace(
         own,
-        evidence=grid.evidence.astype(np.float32),
+        evidence=grid.whole_evidence().astype(np.float32),
         coefficient=grid.coefficient,
         observed=grid.observed.copy(),
     )

@@ -46,7 +46,7 @@ def start(model: NetworkModel, prior: Map | None = None) -> NetworkState:
     state = network.start(model, prior)
     if prior is None:
         return replace(state, grid=Grid.empty(model.agents[0].grid.shape))
-    return replace(state, grid=Grid.of(prior.evidence, prior.observed, prior.coefficient))
+    return replace(state, grid=Grid.inherited(prior.evidence, prior.observed, prior.coefficient))
 
 
 def step(
@@ -115,7 +115,7 @@ class NetworkGridSlam(NetworkFilter):
         assert grid is not None
         return replace(
             super().map(),
-            evidence=grid.evidence.astype(np.float32),
+            evidence=grid.whole_evidence().astype(np.float32),
             coefficient=grid.coefficient,
             observed=grid.observed.copy(),
         )

@@ -154,6 +154,8 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
     if state.grid is not None:
         for name in ("evidence", "observed", "row"):
             yield f"grid/{name}", getattr(state.grid, name).shape, model.grid.shape
+        if state.grid.withheld is not None:
+            yield "grid/withheld", state.grid.withheld.shape, model.grid.shape
         yield "grid/hit", state.grid.hit.shape, (len(state.grid.hit), BINS)
     if state.samples is not None:
         count = len(StateSamples.start(model))

@@ -7,7 +7,7 @@ import pytest
 from map_samples import surfaces
 
 import gridslam as gs
-from gridslam.maps.contradictions import contradictions, crossed_m
+from gridslam.maps.contradictions import MOST_NAMED, contradictions, crossed_m, moved_walls
 from gridslam.maps.map import Map
 
 SIDE = 60
@@ -49,6 +49,49 @@ def test_a_door_that_was_shut_since_is_no_other_floor():
     evidence = door.evidence.copy()
     evidence[20:30] = -8.0
     assert contradictions([one, replace(door, evidence=evidence)], ["a", "b"]) == []
+
+
+def gone(grid, *stretches):
+    """The map after paths went through stretches (rows) of its wall."""
+    evidence = grid.evidence.copy()
+    for rows in stretches:
+        evidence[rows] = -8.0
+    return replace(grid, evidence=evidence)
+
+
+def test_a_wall_that_paths_went_through_is_named_from_where_to_where():
+    one = house(2.12)
+    said = moved_walls(one, gone(one, slice(10, 40)), "one/map.h5")
+    assert said == (
+        "walls of one/map.h5 through which paths went since, 3 m in all: they have moved or are gone: "
+        "from (2.1, 1.0) to (2.1, 4.0)"
+    )
+    assert moved_walls(one, one, "one/map.h5") is None
+    assert moved_walls(one, gone(one, slice(20, 29)), "one/map.h5") is None, "a door has opened"
+
+
+def test_what_lies_between_two_stretches_is_one_with_them_if_it_is_short():
+    one = house(2.12)
+    said = moved_walls(one, gone(one, slice(0, 20), slice(22, 40), slice(45, 60)), "m")
+    assert said is not None
+    assert said.endswith("gone: from (2.1, 0.0) to (2.1, 4.0), from (2.1, 4.5) to (2.1, 6.0)")
+
+
+def test_the_longest_are_named_and_the_others_counted():
+    one = house(2.05)
+    stretches = [slice(first, first + 12) for first in (0, 20, 40)]
+    more = surfaces([(0.0, x) for x in (1.05, 2.05, 4.05)], extent=(0.0, 6.0))
+    evidence, coefficient = one.evidence.copy(), one.coefficient.copy()
+    for column in (10, 40):
+        evidence[:, column], coefficient[:, column] = evidence[:, 20], coefficient[:, 20]
+    many = replace(
+        one, evidence=evidence, coefficient=coefficient, surfaces=more,
+        surface_reflection=np.repeat(one.surface_reflection, 3, axis=0),
+    )  # fmt: skip
+    said = moved_walls(many, gone(many, *stretches), "m")
+    assert said is not None
+    assert said.count("from") == MOST_NAMED
+    assert said.endswith(", 3 more")
 
 
 def test_fuse_notes_it(say):

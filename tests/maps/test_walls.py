@@ -112,8 +112,11 @@ def test_opening_that_rays_crossed_splits_a_surface():
         ((4, 7), (1.8, 2.4), CLEAR, 90.0, True, 3.0),  # rays that crossed outweigh reflections
         ((4, 7), (1.8, 2.1), CLEAR, 0.0, True, 3.0),  # those behind it are unknown, which holds nothing
         ((4, 7), (2.0, 2.1), -1.0, 0.0, True, 3.0),  # nothing was ever hit over 3 m
-        ((4, 4.6), (1.9, 2.4), -1.0, 0.0, False, 0.0),  # nothing was hit over less than a door is wide
-        ((4, 4.9), (1.9, 2.4), -1.0, 0.0, False, 0.9),
+        ((4, 4.45), (1.9, 2.4), -1.0, 0.0, False, 0.0),  # nothing was hit over much less than a door is wide
+        ((4, 4.65), (1.9, 2.4), -1.0, 0.0, False, 0.65),
+        ((4, 4.9), (1.9, 2.4), -0.3, 1.0, True, 0.9),  # faint hits, as are spread into a door from its jambs
+        ((4, 4.9), (1.9, 2.4), 0.3, 1.0, True, 0.0),  # a wall that is faint where no ray speaks against it
+        ((4, 4.9), (1.9, 2.4), -0.3, 5.0, True, 0.0),  # one that was hit for sure
         ((4, 7), (1.8, 2.4), HELD, 0.0, True, 0.0),
         ((11.6, 12), (1.8, 2.4), CLEAR, 0.0, True, 0.4),  # at an end there is no least length
     ],
@@ -142,12 +145,12 @@ def test_wall_ends_before_a_stray_hit_beyond_an_opening():
 
 def test_stretches_that_belong_together_do_so_whatever_lies_between_them():
     """Two pieces are long enough together for what each alone is not."""
-    grid = changed(street(), (4, 6), (1.8, 2.4), 0.0, 0.0, False)
-    for x in ((4.6, 4.8), (5.0, 5.4)):
+    grid = changed(street(), (4, 5.8), (1.8, 2.4), 0.0, 0.0, False)
+    for x in ((4.5, 4.6), (4.8, 5.3)):
         grid = changed(grid, x, (2.0, 2.1), DOUBT, 5.0, True)
     np.testing.assert_allclose(stretches(grid), [[0, 12]], atol=0.06)
-    single = changed(grid, (5.0, 5.4), (1.8, 2.4), 0.0, 0.0, False)
-    np.testing.assert_allclose(stretches(single), [[0, 4], [4.6, 4.8], [6, 12]], atol=0.06)
+    single = changed(grid, (4.8, 5.3), (1.8, 2.4), 0.0, 0.0, False)
+    np.testing.assert_allclose(stretches(single), [[0, 4], [4.5, 4.6], [5.8, 12]], atol=0.06)
 
 
 def test_faint_hits_in_open_air_are_no_wall():

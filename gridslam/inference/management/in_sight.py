@@ -105,7 +105,7 @@ def are_blocked(grid: Grid, start: Array, end: Array, model: FilterModel) -> NDA
     points = start[:, None] + (along / np.maximum(length, cell)[:, None])[..., None] * way[:, None]
     column, row = np.moveaxis(np.floor((points - model.grid.origin_m) / cell).astype(np.int64), -1, 0)
     between &= (row >= 0) & (row < grid.shape[0]) & (column >= 0) & (column < grid.shape[1])
-    evidence = grid.evidence[np.where(between, row, 0), np.where(between, column, 0)]
+    evidence = grid.whole_evidence((np.where(between, row, 0), np.where(between, column, 0)))
     return np.asarray((between & (evidence > occupied_above(model))).any(1))
 
 

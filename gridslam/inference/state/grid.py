@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Self
+from dataclasses import dataclass, field
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.world.radio import BINS
 
 NEVER_HIT = -1
+EVERY_CELL = slice(None), slice(None)
+EVIDENCE_CLIP = 12.0
+"""Greatest evidence of a cell, either way."""
+CHANGED = 0.1
+"""Probability that a cell of an earlier agent's map is no longer what it was."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +36,15 @@ class Grid:
         A cell's row in the table; `NEVER_HIT` for none.
     hit : (H, BINS) float32
         Log-likelihood over `REFLECTION_BINS` of the cells that were hit.
+    withheld : (ny, nx) float64, optional
+        By how much an earlier agent was surer of the cells than the evidence began with; see `inherited`.
     """
 
     evidence: Array
     observed: NDArray[np.bool_]
     row: NDArray[np.int32]
     hit: NDArray[np.float32]
+    withheld: Array | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def empty(cls, shape: tuple[int, int]) -> Self:
@@ -53,6 +61,30 @@ class Grid:
         row[known] = np.arange(np.count_nonzero(known))
         whole = np.ascontiguousarray(evidence, np.float64), np.array(observed, dtype=bool, order="C")
         return cls(*whole, row, np.ascontiguousarray(logs[known]))
+
+    @classmethod
+    def inherited(
+        cls, evidence: Array, observed: NDArray[np.bool_], coefficient: NDArray[np.float32]
+    ) -> Self:
+        """The grid of an agent that goes on from an earlier one's map; docs/model.md, (M500).
+
+        Since then each cell may have changed. Else a shelf that has moved holds up all paths that go through
+        where it stood, by as many factors of a hundredth as they cross cells: what is heard over them is told
+        as anything else, and nothing ever clears the cells, since each alone makes no path possible.
+        """
+        own = np.logaddexp(np.log1p(-CHANGED) + evidence, np.log(CHANGED))
+        own -= np.logaddexp(np.log(CHANGED) + evidence, np.log1p(-CHANGED))
+        return replace(cls.of(own, observed, coefficient), withheld=np.asarray(evidence, np.float64) - own)
+
+    def whole_evidence(self, at: tuple[Any, Any] = EVERY_CELL) -> Array:
+        """The evidence with what was withheld of an earlier map, unless what was heard since outweighs it,
+        of all cells (ny, nx) or those at some rows and columns; docs/model.md, (M501)."""
+        evidence = self.evidence[at]
+        if self.withheld is None:
+            return evidence
+        withheld = self.withheld[at]
+        whole = evidence + np.where(evidence * withheld > 0, withheld, 0.0)
+        return np.clip(whole, -EVIDENCE_CLIP, EVIDENCE_CLIP)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.grid import EVIDENCE_CLIP, Grid
 from gridslam.kernels import CELL_SLABS
 from gridslam.kernels.primitives.blocks import Slabs
 from gridslam.world.filter_model import FilterModel
@@ -17,7 +17,6 @@ from gridslam.world.grid_memory import check_room, slabs_for
 
 MOSTLY_POSSIBLE = 0.8
 """Share of a path's samples that must be possible before it sends messages to cells."""
-EVIDENCE_CLIP = 12.0
 CLEAR_ANCHOR_CELLS = 1.0
 """So near to an anchor, in cells, the centres of cells are surely free: what it stands in. Anything wider is
 a hole in the wall that an anchor hangs on."""
