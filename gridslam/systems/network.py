@@ -23,7 +23,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
-from gridslam.inference.messages.network.departures import without_doubtful_departures
+from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
 from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
@@ -47,8 +47,11 @@ from gridslam.world.network_scan import NetworkScan
 from gridslam.world.scan import Scan
 
 Works = tuple[Workspace, ...]
-Turn = Callable[[State, Scan, NetworkState, float | None, FilterModel, Workspace], tuple[State, StepInfo]]
-"""What one agent's scan says: its view of all, what was heard, what all believe, when the step before was."""
+Turn = Callable[
+    [State, int, Scan, NetworkState, float | None, FilterModel, Workspace], tuple[State, StepInfo]
+]
+"""What one agent's scan says: its view of all, which it is, what was heard, what all believe, when the step
+before was."""
 
 
 def start(model: NetworkModel, prior: Map | None = None) -> NetworkState:
@@ -96,10 +99,10 @@ def take_turns(
         info = None
         if anchor_scan is not None:
             part, info = turn(
-                state.part(agent), anchor_scan, state, earlier_s, model.agents[agent], work[agent]
+                state.part(agent), agent, anchor_scan, state, earlier_s, model.agents[agent], work[agent]
             )
             if state.recorded(agent, part.monitor).teaches[agent]:
-                state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
+                state = doubt_clocks(loosened(state.having(agent, part)), agent, info.exchanges, model)  # (M102)
             else:
                 state, info = state.apart(agent, part), info.doubted(ASTRAY)
         infos.append(info)
@@ -108,6 +111,7 @@ def take_turns(
 
 def turn(
     state: State,
+    agent: int,
     scan: Scan,
     network: NetworkState,
     earlier_s: float | None,
@@ -117,7 +121,7 @@ def turn(
     """One agent's messages about its view: those of adaptive SLAM, over the paths of all anchors at once."""
     exchanges, calibration_used = list[Exchange](), state.calibration
     model = work.calibrated(model, calibration_used.turned)
-    senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
+    senders = np.flatnonzero(network.clocks.bearing(agent, network.labelled)).astype(np.int32)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
     for anchor_scan in scans:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
@@ -130,6 +134,7 @@ def turn(
             births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
         ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
+        ratios = without_open_clocks(ratios, paths.rays, network, agent)  # (M496)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
