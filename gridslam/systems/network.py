@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gridslam.arrays import replace
-from gridslam.inference.health.reasons import ASTRAY
+from gridslam.inference.health.reasons import ASTRAY, CLOCK_OPEN
 from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
@@ -99,14 +99,35 @@ def take_turns(
         info = None
         if anchor_scan is not None:
             part, info = turn(
-                state.part(agent), agent, anchor_scan, state, earlier_s, model.agents[agent], work[agent]
+                without_turns(state, agent),
+                agent,
+                anchor_scan,
+                state,
+                earlier_s,
+                model.agents[agent],
+                work[agent],
             )
             if state.recorded(agent, part.monitor).teaches[agent]:
-                state = doubt_clocks(loosened(state.having(agent, part)), agent, info.exchanges, model)  # (M102)
+                state = doubt_clocks(
+                    loosened(state.having(agent, part)), agent, info.exchanges, model
+                )  # (M102)
             else:
                 state, info = state.apart(agent, part), info.doubted(ASTRAY)
+            if state.clocks.adrift(agent):
+                info = info.doubted(CLOCK_OPEN)
         infos.append(info)
     return state, infos
+
+
+def without_turns(state: NetworkState, agent: int) -> State:
+    """An agent's part; no anchor is taken to be turned while clocks that its pose hangs on are searched for.
+
+    A wrong clock moves the pose, and from there anchors seem turned.
+    """
+    part = state.part(agent)
+    if state.clocks.framed and state.clocks.open_to(agent).any():
+        part = replace(part, calibration=part.calibration.unturned())
+    return part
 
 
 def turn(

@@ -14,6 +14,7 @@ MIRRORED = "a mirrored place may fit as well: no other anchor has been in sight 
 ONE_ELSEWHERE = "one anchor stands elsewhere than the scene says"
 OFF_GRID = "the agent has left the grid"
 ASTRAY = "what it hears isn't used for what all agents share"
+CLOCK_OPEN = "its clock isn't found yet: distances tell nothing"
 
 
 def silent(steps: int) -> str:

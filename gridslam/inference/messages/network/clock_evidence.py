@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.network.clock_amplitudes import NOTHING, amplitude_ratio
+from gridslam.inference.messages.network.clock_votes import Sights, sight_votes
 from gridslam.inference.messages.path_prediction import predict_every_path
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.network.clock_search import CELL_M
@@ -26,11 +28,7 @@ SURE_SURFACE = 0.9
 LEAST_CHANCE = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
 IN_SIGHT = 0.5
-"""Chance of a line of sight at most, where agents' clocks are wide: most of what says otherwise is a guess."""
-NOTHING = 1e-9
-"""Share of a path's being missed below which a measurement says nothing of it, at an offset or at all."""
-LEVEL_SHARE, WEAKENED = 0.12, 0.02
-"""Deviation of a path's amplitude from what its length makes it (1 dB), and share of those far off it."""
+"""Chance of a line of sight at most, where agents' clocks are wide: what says otherwise is mostly a guess."""
 
 
 def agent_evidence(
@@ -70,7 +68,6 @@ def agent_evidence(
     radio = model.radio
     believed = predict_every_path(part, model, work=work).prediction
     value, width = believed.value.copy(), believed.spread.copy()  # the next prediction takes their buffer
-    from gridslam.inference.messages.network.clock_votes import Sights, sight_votes
     paths = predict_every_path(bare, model, work=work)
     rays, length, predicted = paths.rays, paths.prediction.length, paths.prediction.value
     strength = np.append(bare.surfaces.reflection @ REFLECTION_BINS, 1.0)[rays.last]
@@ -241,28 +238,6 @@ def _given_angles(value: Array, own: Array, measured: Array, deviation: Array) -
     exponent = (turn**2 * other - 2 * turn * twist * both + twist**2 * one) / size
     weight = TURN_DENSITY * np.exp(-0.5 * exponent) / np.sqrt(size)
     return residual[..., 0] - shift, variance, weight
-
-
-def amplitude_ratio(measured: Array, expected: Array, radio: RadioModel) -> Array:
-    """What amplitudes say for paths of known strength, against any amplitude up to twice theirs.
-
-    A reflection may well have a line of sight's angles, but hardly its strength. One path in fifty counts as
-    weakened by something unknown, so that no amplitude rules a path out.
-
-    Parameters
-    ----------
-    measured : (M,)
-        NaN where not measured.
-    expected : (L,)
-
-    Returns
-    -------
-    (L, M)
-    """
-    level = np.asarray(expected)[:, None]
-    deviation = np.hypot(radio.amplitude_std(level), LEVEL_SHARE * level)
-    density = np.exp(-0.5 * ((measured - level) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation)
-    return np.where(np.isnan(measured), 1.0, WEAKENED + (1 - WEAKENED) * 2 * level * density)
 
 
 def _deviations(scan: AnchorScan, amplitude: Array, angles: Array, steep: Array, radio: RadioModel) -> Array:

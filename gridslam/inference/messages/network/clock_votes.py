@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.network.clock_evidence import NOTHING, amplitude_ratio
+from gridslam.inference.messages.network.clock_amplitudes import NOTHING, amplitude_ratio
 from gridslam.inference.state.anchor_measurements import AnchorScan
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT, HEADING
@@ -130,9 +130,7 @@ def _claims(
         off = wrap(np.where(there, value, 0.0) - predicted[:, None])
         normal = np.exp(-0.5 * (off / wide) ** 2) / (np.sqrt(2 * np.pi) * wide)
         density = density * np.where(there, normal, 1 / (2 * np.pi))
-    density = density * amplitude_ratio(
-        scan.amplitude[rows], model.radio.amplitude(length), model.radio
-    )
+    density = density * amplitude_ratio(scan.amplitude[rows], model.radio.amplitude(length), model.radio)
     apart = scan.value[rows, 0] - (length + late)[:, None]
     width = np.hypot(sights.std[anchor, rows, 0], BLUR * np.std(length + late))
     if mass is None:

@@ -59,12 +59,14 @@ def without_open_clocks(
     """The ratios, with nothing that corrects of anchors whose clocks are open where agents' are wide, too.
 
     While no clock is known, angles alone choose what a line of sight's measurement is, and may choose a
-    reflection: which then stands for itself when the clock is set. What the ratios say of which measurement is
-    whose stays.
+    reflection, which then stands for itself when the clock is set. What the ratios say of which measurement
+    is whose stays.
     """
     if not network.clocks.framed:
         return ratios
-    rows = np.flatnonzero(network.clocks.open_to(agent)[rays.anchor][ratios.pairs.index[: len(ratios.pairs), 0]])
+    rows = np.flatnonzero(
+        network.clocks.open_to(agent)[rays.anchor][ratios.pairs.index[: len(ratios.pairs), 0]]
+    )
     if not len(rows):
         return ratios
     pair = ratios.pairs.pair.copy()

@@ -146,10 +146,12 @@ class NetworkBelief(Belief):
         new = len(view.mean) - count
         if new < 0 or new % PER_LINE or view.clocks != self.clocks:
             raise ValueError("this view isn't one of this belief")
-        keep = slice(None) if loose is None else loose.others(count)
-        inner = before.covariance if loose is None else before.covariance[np.ix_(keep, keep)]
-        gain = np.zeros((len(rest), count))
-        gain[:, keep] = solved(inner, (rows @ own[:, rest])[keep]).T
+        if loose is None:
+            gain = solved(before.covariance, rows @ own[:, rest]).T
+        else:
+            keep, gain = loose.others(count), np.zeros((len(rest), count))
+            inner = before.covariance[np.ix_(keep, keep)]
+            gain[:, keep] = solved(inner, (rows @ own[:, rest])[keep]).T
         shift = view.mean[:count] - before.mean
         shift[HEADING] = wrap(shift[HEADING])
         source, order = _taken_over(layout, agent, new)

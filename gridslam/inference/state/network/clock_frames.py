@@ -52,7 +52,12 @@ def frame_left(search: ClockSearch, agent: int, clocks: ClockModel) -> ClockSear
     rest = np.flatnonzero(frame == old)
     rest = rest[rest != agent]
     begun = [search.rows(1 + agent)]
-    unset, log, since, doubt = search.unset.copy(), search.log.copy(), search.since.copy(), search.doubt.copy()
+    unset, log, since, doubt = (
+        search.unset.copy(),
+        search.log.copy(),
+        search.since.copy(),
+        search.doubt.copy(),
+    )
     if old == 1 + agent and len(rest):  # the frame goes on as that of another's clock
         heir = 1 + int(rest[0])
         frame[rest] = heir

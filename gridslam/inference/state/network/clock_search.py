@@ -112,11 +112,15 @@ class ClockSearch:
         """Anchors (J,) whose distances tell an agent nothing yet."""
         return self.unset[self.rows(self.frame_of(agent))]
 
+    def adrift(self, agent: int) -> bool:
+        """Whether no anchor's clock tells an agent anything, since its own is wide."""
+        return self.framed and bool(self.frame_of(agent) > 0 and self.open_to(agent).all())
+
     def bearing(self, agent: int, labelled: bool) -> NDArray[np.bool_]:
         """Anchors (J,) whose paths to an agent may bear surfaces.
 
-        Where nothing says whose a path is, and agents' clocks are wide, those of the few anchors that are set at
-        first would be told of everybody's paths: none do until the others have had time to be set, too.
+        Where nothing says whose a path is, and agents' clocks are wide, the few anchors that are set at first
+        would bear everybody's paths: none does until the others have had time to be set, too.
         """
         own = ~self.open_to(agent)
         if labelled or not self.framed or own.all():
