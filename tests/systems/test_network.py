@@ -298,7 +298,7 @@ def test_agents_that_are_lost_say_nothing_of_clocks_until_enough_is_heard_or_lon
 
 @pytest.mark.parametrize("labelled", [True, False])
 def test_agents_whose_clocks_are_as_wide_as_anchors_find_each_other_and_claim_no_common_time(labelled):
-    """Differences are right, and what nothing observes stays as wide as priors leave it, or errors are sure."""
+    """Differences are right, and what nothing observes stays as wide as priors leave it."""
     whole = small("exchange", 8, particles=500)
     whole["clocks"]["agent_prior_ns"] = 50.0
     for agent, offset in zip(whole["agents"], (-31.0, 44.0), strict=False):

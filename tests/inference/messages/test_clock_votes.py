@@ -1,4 +1,4 @@
-"""Lines of sight vote on open clocks pose by pose: what fits one only from poses that others rule out is none."""
+"""Lines of sight vote on clocks pose by pose: what fits one only from poses that others rule out is none."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def votes(model, pose, rows, sought=(0, 1, 2), seed=0, spread=(0.4, 0.4, 0.2)):
     turn = np.angle(np.exp(1j * np.array([aod, aoa])))
     scan = Scan(0, 0.0, np.full(len(rows), -1), length, *turn, amplitude)
     heard, anchors = whole_scan(scan, model), len(TRUE_M)
-    mean = np.concatenate([pose[:2] + [0.2, -0.1], [0, 0], [pose[2] + 0.1], np.zeros(anchors)])
+    mean = np.array([pose[0] + 0.2, pose[1] - 0.1, 0, 0, pose[2] + 0.1, *np.zeros(anchors)])
     variance = np.concatenate([np.square(spread[:2]), [0.1, 0.1], [spread[2] ** 2], np.zeros(anchors)])
     std = np.tile([DISTANCE, ANGLE, ANGLE], (anchors, len(rows), 1))
     sights = Sights(

@@ -1,4 +1,4 @@
-"""Frames of clocks where agents' own are wide: joined by an anchor that two have set, left by an agent alone."""
+"""Frames of clocks where agents' own are wide: joined by an anchor that two have set, left by an agent."""
 
 from dataclasses import replace
 
@@ -100,7 +100,7 @@ def test_of_clocks_that_could_be_set_the_surest_of_each_frame_is():
     np.testing.assert_array_equal(again.log[9], log[9])
 
 
-@pytest.mark.parametrize("deviation, wanted", [(0.2, 4 * 0.04), (0.001, CELL_M**2), (2.0, SET_VARIANCE)])
+@pytest.mark.parametrize(("deviation", "wanted"), [(0.2, 4 * 0.04), (0.001, CELL_M**2), (2.0, SET_VARIANCE)])
 def test_a_mode_is_told_with_four_times_the_variance_that_it_seems_to_have(deviation, wanted):
     search = ClockSearch.start(CLOCKS)
     log = search.log.copy()
