@@ -1,4 +1,4 @@
-"""Frames of clocks where agents' own are wide: joined by an anchor that two have set, left by an agent."""
+"""Frames of clocks where agents' own are wide: joined by an anchor that two have set."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam.inference.state.network.clock_frames import frame_left, frames_joined, set_nowhere
+from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere
 from gridslam.inference.state.network.clock_search import (
     CELL_M,
     FIRST_STEPS,
@@ -55,26 +55,6 @@ def test_frames_that_an_anchor_ties_are_one_and_forget_nothing_that_is_set(seed)
         assert not (after.open_to(agent) & ~before.open_to(agent)).any()
         assert after.frame_of(agent) <= before.frame_of(agent)
     np.testing.assert_array_equal(set_nowhere(before), set_nowhere(after))
-
-
-@given(seed=st.integers(0, 10_000), agent=st.sampled_from([0, 2]))
-@settings(max_examples=60, deadline=None)
-def test_an_agent_that_leaves_knows_no_clock_and_the_others_keep_theirs(seed, agent):
-    before = frames_joined(drawn(seed))
-    after = frame_left(before, agent, CLOCKS)
-    assert after.frame_of(agent) == 1 + agent
-    assert after.adrift(agent)
-    assert (after.frame == 1 + agent).sum() == 1
-    for other in {0, 1, 2} - {agent}:
-        np.testing.assert_array_equal(after.open_to(other), before.open_to(other))
-
-
-def test_what_an_agent_alone_has_set_is_open_again_once_it_leaves():
-    alone = ClockModel(2, 1, np.array([0.0, 15.0, 15.0]))
-    search = frames_joined(replace(ClockSearch.start(alone), unset=np.array([False, True, False, False])))
-    assert search.frame.tolist() == [0]
-    assert not search.unset_anchors.any()
-    assert frame_left(search, 0, alone).unset.tolist() == [False, True, True, True]
 
 
 def test_without_labels_the_first_anchors_that_are_set_bear_nothing_yet():

@@ -17,11 +17,8 @@ from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.management.network.recovery import FLOOR, Beacons, log_likelihood, placed_at
 from gridslam.inference.management.poses.pose_fix import COPIES, POSE, Fix, best_pose
 from gridslam.inference.messages.amplitudes import detection_table
-from gridslam.inference.messages.network.clock_setting import loosened
 from gridslam.inference.state.anchor_measurements import AnchorScan, whole_scan
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.network.clock_frames import frame_left
-from gridslam.inference.state.network.clock_search import NARROW_M
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
@@ -46,8 +43,7 @@ def look_afresh(
 ) -> NetworkState:
     """Hold believed poses against lines of sight alone, and begin anew if all agents are elsewhere.
 
-    An agent that is elsewhere while another isn't is called, and stays for `recover_agents` to find; if its
-    own clock is wide, it begins anew alone.
+    An agent that is elsewhere while another isn't is called, and stays for `recover_agents` to find.
     """
     whole = {"aod", "aoa", "amplitude"} <= set(model.agents[0].radio.measures)
     if not (state.belief.clocks and len(model.anchor_names) > 1 and whole):
@@ -71,21 +67,7 @@ def look_afresh(
     here = [agent for agent, scan in enumerate(scans) if scan is not None]
     if fixes and all(agent in fixes and state.records[agent].monitor.look.called for agent in here):
         return begun_anew(state, fixes, model)
-    for agent, fix in fixes.items():
-        wide = state.clocks.framed and model.clocks.half_width_m[model.clocks.anchors + agent] > NARROW_M
-        if wide and state.records[agent].monitor.look.called:
-            state = with_clock_open(state, agent, fix, model)
     return state
-
-
-def with_clock_open(state: NetworkState, agent: int, fix: Fix, model: NetworkModel) -> NetworkState:
-    """The state with an agent at a fix and its wide clock searched for again: it may be what was wrong."""
-    own = state.belief.layout.agent_clock(agent)
-    variance = float(model.clocks.variance[model.clocks.anchors + agent])
-    belief = state.belief.independent(own, 0.0, variance)
-    state = replace(state, belief=belief, clocks=frame_left(state.clocks, agent, model.clocks))
-    state = placed_at(loosened(state), agent, fix, float(model.agents[agent].start_variance[2]))
-    return state.recorded(agent, HealthMonitor().found_again())
 
 
 def begun_anew(state: NetworkState, fixes: dict[int, Fix], model: NetworkModel) -> NetworkState:

@@ -1,4 +1,4 @@
-"""Frames of clocks: joined once an anchor is set in two of them, and left again; docs/model.md, (M496)."""
+"""Frames of clocks, joined once an anchor is set in two of them; docs/model.md, (M496)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.state.network.clock_search import NEVER, ClockSearch
-from gridslam.world.clocks import ClockModel
 
 
 def frames_joined(search: ClockSearch) -> ClockSearch:
@@ -40,35 +39,6 @@ def _joined(search: ClockSearch, one: int, other: int) -> ClockSearch:
     return replace(
         search, unset=unset, log=log, doubt=doubt, frame=np.where(search.frame == other, one, search.frame)
     )
-
-
-def frame_left(search: ClockSearch, agent: int, clocks: ClockModel) -> ClockSearch:
-    """With an agent's clock in a frame of its own again, in which nothing is set.
-
-    Where no agent stays behind, nobody bears out what was set with this clock: that is open again, too.
-    """
-    frame, old, fresh = search.frame.copy(), search.frame_of(agent), ClockSearch.start(clocks)
-    frame[agent] = 1 + agent
-    rest = np.flatnonzero(frame == old)
-    rest = rest[rest != agent]
-    begun = [search.rows(1 + agent)]
-    unset, log, since, doubt = (
-        search.unset.copy(),
-        search.log.copy(),
-        search.since.copy(),
-        search.doubt.copy(),
-    )
-    if old == 1 + agent and len(rest):  # the frame goes on as that of another's clock
-        heir = 1 + int(rest[0])
-        frame[rest] = heir
-        log[search.rows(heir)] = fresh.log[search.rows(heir)]
-        unset[search.rows(heir)] = unset[search.rows(old)]
-        since[search.rows(heir)] = 0
-    elif old == 0 and not len(rest):
-        begun.append(search.rows(0))
-    for own in begun:
-        unset[own], log[own], since[own], doubt[own] = fresh.unset[own], fresh.log[own], 0, 0.0
-    return replace(search, unset=unset, log=log, since=since, doubt=doubt, frame=frame)
 
 
 def set_nowhere(search: ClockSearch) -> NDArray[np.bool_]:
