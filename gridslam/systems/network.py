@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gridslam.arrays import replace
-from gridslam.inference.health.reasons import ASTRAY
+from gridslam.inference.health.reasons import ASTRAY, CLOCK_OPEN
 from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
@@ -23,7 +23,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
-from gridslam.inference.messages.network.departures import without_doubtful_departures
+from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
 from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
@@ -47,8 +47,11 @@ from gridslam.world.network_scan import NetworkScan
 from gridslam.world.scan import Scan
 
 Works = tuple[Workspace, ...]
-Turn = Callable[[State, Scan, NetworkState, float | None, FilterModel, Workspace], tuple[State, StepInfo]]
-"""What one agent's scan says: its view of all, what was heard, what all believe, when the step before was."""
+Turn = Callable[
+    [State, int, Scan, NetworkState, float | None, FilterModel, Workspace], tuple[State, StepInfo]
+]
+"""What one agent's scan says: its view of all, which it is, what was heard, what all believe, when the step
+before was."""
 
 
 def start(model: NetworkModel, prior: Map | None = None) -> NetworkState:
@@ -96,18 +99,40 @@ def take_turns(
         info = None
         if anchor_scan is not None:
             part, info = turn(
-                state.part(agent), anchor_scan, state, earlier_s, model.agents[agent], work[agent]
+                without_turns(state, agent),
+                agent,
+                anchor_scan,
+                state,
+                earlier_s,
+                model.agents[agent],
+                work[agent],
             )
             if state.recorded(agent, part.monitor).teaches[agent]:
-                state = doubt_clocks(loosened(state.having(agent, part)), info.exchanges, model)  # (M102)
+                state = doubt_clocks(
+                    loosened(state.having(agent, part)), agent, info.exchanges, model
+                )  # (M102)
             else:
                 state, info = state.apart(agent, part), info.doubted(ASTRAY)
+            if state.clocks.adrift(agent):
+                info = info.doubted(CLOCK_OPEN)
         infos.append(info)
     return state, infos
 
 
+def without_turns(state: NetworkState, agent: int) -> State:
+    """An agent's part; no anchor is taken to be turned while clocks that its pose hangs on are searched for.
+
+    A wrong clock moves the pose, and from there anchors seem turned.
+    """
+    part = state.part(agent)
+    if state.clocks.framed and state.clocks.open_to(agent).any():
+        part = replace(part, calibration=part.calibration.unturned())
+    return part
+
+
 def turn(
     state: State,
+    agent: int,
     scan: Scan,
     network: NetworkState,
     earlier_s: float | None,
@@ -117,7 +142,7 @@ def turn(
     """One agent's messages about its view: those of adaptive SLAM, over the paths of all anchors at once."""
     exchanges, calibration_used = list[Exchange](), state.calibration
     model = work.calibrated(model, calibration_used.turned)
-    senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
+    senders = np.flatnonzero(network.clocks.bearing(agent, network.labelled)).astype(np.int32)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
     for anchor_scan in scans:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
@@ -130,6 +155,7 @@ def turn(
             births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
         ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
+        ratios = without_open_clocks(ratios, paths.rays, network, agent)  # (M496)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )

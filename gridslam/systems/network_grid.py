@@ -21,7 +21,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
-from gridslam.inference.messages.network.departures import without_doubtful_departures
+from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
 from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
@@ -72,13 +72,13 @@ def step(
 
 
 def turn(
-    state: State, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
+    state: State, agent: int, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
     work: Workspace,
 ) -> tuple[State, StepInfo]:  # fmt: skip
     """One agent's messages about its view: those of grid SLAM, over the paths of all anchors at once."""
     exchanges, calibration_used = list[Exchange](), state.calibration
     model = work.calibrated(model, calibration_used.turned)
-    senders = np.flatnonzero(~network.clocks.unset).astype(np.int32)
+    senders = np.flatnonzero(network.clocks.bearing(agent, network.labelled)).astype(np.int32)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
     for anchor_scan in scans:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
@@ -93,6 +93,7 @@ def turn(
             births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
         ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
+        ratios = without_open_clocks(ratios, paths.rays, network, agent)  # (M496)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )

@@ -11,6 +11,7 @@ from filter_states import flat_walls
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.evaluation.network_scores import label_errors, without_common
+from gridslam.inference.health.reasons import CLOCK_OPEN
 from gridslam.runs.network_run import map_network
 from gridslam.simulation.network import shared_air, simulate_network
 from gridslam.systems.adaptive import AdaptiveSlam
@@ -293,3 +294,52 @@ def test_agents_that_are_lost_say_nothing_of_clocks_until_enough_is_heard_or_lon
         few = few.followed(2, 2)
         assert few.astray
     assert not few.followed(2, 2).astray
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+def test_agents_whose_clocks_are_as_wide_as_anchors_find_each_other_and_claim_no_common_time(labelled):
+    """Differences are right, and what nothing observes stays as wide as priors leave it."""
+    whole = small("exchange", 8, particles=500)
+    whole["clocks"]["agent_prior_ns"] = 50.0
+    for agent, offset in zip(whole["agents"], (-31.0, 44.0), strict=False):
+        agent["clock"] = {"offset_ns": offset}
+    scene = gs.Scene.checked(whole, "test")
+    data, _ = simulate_network(scene, AGENTS[:2], 3, unlabelled=not labelled)
+    run = map_network(scene, data, seed=3)
+    error, last = run.clocks.errors(data.clocks)[-1], run.clocks.covariance_s2[-1]
+    apart = error[:4, None] - error[4:]
+    variance = np.diag(last)
+    claimed = np.sqrt(variance[:4, None] + variance[4:] - 2 * last[:4, 4:])
+    assert np.abs(apart / np.maximum(claimed, 0.1e-9)).max() < 4
+    assert np.abs(apart).max() < 2e-9
+    assert np.sqrt(variance).min() > 10e-9
+    assert np.abs(error / np.sqrt(variance)).max() < 3
+    said = "; ".join(one.health.why for name in AGENTS[:2] for one in run.runs[name].estimates)
+    assert "turned" not in said
+
+
+def test_a_clock_that_nothing_ties_to_the_time_is_said_to_be_open():
+    """One agent that hears no anchor has no clock, and health says so; with the first anchor it has one."""
+    whole = small("exchange", 8, particles=300)
+    whole["agents"] = whole["agents"][:1]
+    whole["clocks"] |= {"agent_prior_ns": 50.0, "reference": "A"}
+    whole["anchors"][0]["clock"] = {"offset_ns": 0.0}
+    scene = gs.Scene.checked(whole, "test")
+    data, _ = simulate_network(scene, AGENTS[:1], 3)
+    slam = NetworkSlam(scene, agents=AGENTS[:1], seed=3)
+    scans = [data.scan(step) for step in range(8)]
+    open_clocks = slam.state.part(0).belief.covariance[5:9]
+    assert np.count_nonzero(open_clocks) == 4  # independent of the pose and of each other
+    deaf = replace(scans[0], scans=(only_anchor(scans[0].scans[0], -7),))
+    assert CLOCK_OPEN in slam.step(deaf).agents["agent1"].health.why
+    for scan in scans[1:]:
+        health = slam.step(scan).agents["agent1"].health
+    assert CLOCK_OPEN not in health.why
+    assert np.sqrt(slam.state.belief.clock_offsets()[1][4, 4]) < 1.5
+
+
+def only_anchor(scan, anchor):
+    """The rows of a scan that are of one anchor."""
+    rows = scan.anchor == anchor
+    columns = {name: value[rows] for name, value in vars(scan).items() if isinstance(value, np.ndarray)}
+    return replace(scan, **columns)

@@ -48,6 +48,8 @@ reason              said when                                   by              
 `OFF_GRID`          the agent is outside the scene's region     `management.hypotheses`          section 14
 `ASTRAY`            an agent of a network is lost, or was       `systems.network`                section 13
                     found again up to 4 steps ago
+`CLOCK_OPEN`        an agent's clock is wide, and no anchor's is    `systems.network`                (M496)
+                    set that it is tied to
 `offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
 `shifted`, `of_late`
 `offset`, `shifted` an anchor's line of sight has been longer   `sight_watch.SightWatch`         (M510)

@@ -16,6 +16,7 @@ OFF_GRID = "the agent has left the grid"
 LEAPT = "as no motion does"
 """Of `leapt`, what tells it from all others."""
 ASTRAY = "what it hears isn't used for what all agents share"
+CLOCK_OPEN = "its clock isn't found yet: distances tell nothing"
 
 
 def silent(steps: int) -> str:

@@ -68,6 +68,11 @@ class Calibration:
             weight=gain + KEEP_GAIN * (self.weight - gain),
         )
 
+    def unturned(self) -> Self:
+        """With what departures have said of orientations forgotten."""
+        none, stated = np.zeros_like(self.turn), np.full_like(self.turn_weight, TURN_STD**-2)
+        return replace(self, turn=none, turn_weight=stated)
+
     @cached_property
     def gain(self) -> float:
         """Ratio of true to stated amplitude; 1 unless it differs beyond doubt."""

@@ -9,8 +9,10 @@ from scene_samples import short
 import gridslam as gs
 from gridslam.inference.health.fresh_look import AGREED, TOGETHER_M, FreshLook
 from gridslam.inference.management.network.fresh_look import EVERY, look_afresh
+from gridslam.inference.state.network.clock_search import ClockSearch
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.network_grid import NetworkGridSlam
+from gridslam.world.clocks import ClockModel
 
 AGENTS = ["agent1", "agent2"]
 OFF_M = np.array([2.0, 5.0])
@@ -35,6 +37,16 @@ def carried(state, agents):
     for agent in agents:
         mean[state.belief.layout.pose(agent).start + np.arange(2)] += OFF_M
     return replace(state, belief=replace(state.belief, mean=mean), step=EVERY)
+
+
+def test_where_agents_clocks_are_wide_health_alone_tells(hall):
+    """With no clock to go by, what seems a line of sight is often a reflection's."""
+    slam, scan, _ = hall
+    lost = carried(slam.state, range(2))
+    lost = replace(lost, clocks=ClockSearch.start(ClockModel(4, 2, np.full(6, 15.0))))
+    after = looked(slam, lost, scan)
+    assert after.belief is lost.belief
+    assert all(record.monitor.look.reasons() for record in after.records)
 
 
 def looked(slam, state, scan, times=AGREED):

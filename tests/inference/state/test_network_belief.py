@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import gridslam as gs
 from gridslam.inference.state.belief import append, give_birth, update
-from gridslam.inference.state.network.belief import NetworkBelief, predict_network
+from gridslam.inference.state.network.belief import Loose, NetworkBelief, predict_network
 from gridslam.world.clocks import ClockModel
 from gridslam.world.network_scene import network_model
 
@@ -123,3 +123,44 @@ def test_clocks_with_rates_move_by_them():
     np.testing.assert_allclose(after.covariance[own], expected, rtol=1e-12)
     known = belief.layout.devices[1]  # a known clock stays so
     assert after.covariance[known, known] == 0
+
+
+@given(seed=st.integers(0, 10_000), agent=st.integers(0, 2))
+@settings(max_examples=40, deadline=None)
+def test_what_is_heard_of_an_open_clock_tells_nothing_of_anything_else(seed, agent):
+    """The joint update by the rest of the view alone is what is left of it."""
+    whole, draw = joint(seed)
+    rows = whole.projection(agent)
+    loose = Loose(np.array([6]), np.array([3.0]), np.array([70.0]))
+    seen = whole.view(agent, loose)
+    assert seen.covariance[6, 6] == 70
+    assert not np.delete(seen.covariance[6], 6).any()
+    slopes = draw.normal(size=(3, len(rows)))
+    slopes[:, 6] = 0.0
+    after = updated(seen, slopes, np.random.default_rng(seed))
+    heard = after.covariance.copy()
+    heard[6], heard[:, 6] = 0.0, 0.0  # distances over the open clock move its difference, and only that
+    moved = replace(after, mean=after.mean + 9.0 * (np.arange(len(rows)) == 6), covariance=heard)
+    absorbed = whole.updated(agent, moved, loose)
+    direct = updated(whole, slopes @ rows, np.random.default_rng(seed))
+    scale = np.sqrt(np.diag(whole.covariance))
+    off = absorbed.mean - direct.mean
+    headings = [whole.layout.pose(number).start + 4 for number in range(3)]
+    off[headings] = np.sin(off[headings])
+    assert np.abs(off / scale).max() < 1e-6
+    assert np.abs((absorbed.covariance - direct.covariance) / np.outer(scale, scale)).max() < 1e-6
+
+
+@given(seed=st.integers(0, 10_000), alone=st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_a_measured_difference_of_clocks_is_the_textbook_s(seed, alone):
+    whole, draw = joint(seed)
+    plus, minus = whole.layout.devices[[1, 3]].tolist()
+    slope = np.zeros(len(whole.mean))
+    slope[plus], slope[minus] = 1.0, 0.0 if alone else -1.0
+    offset, variance = draw.normal(), draw.uniform(0.1, 4)
+    found = whole.measured(plus, None if alone else minus, offset, variance)
+    gain = whole.covariance @ slope / (slope @ whole.covariance @ slope + variance)
+    np.testing.assert_allclose(found.mean, whole.mean + gain * (offset - slope @ whole.mean))
+    wanted = whole.covariance - np.outer(gain, slope @ whole.covariance)
+    np.testing.assert_allclose(found.covariance, wanted, atol=1e-9 * np.abs(wanted).max())

@@ -63,7 +63,7 @@ def mistakable(state: NetworkState, scan: NetworkScan) -> bool:
     Where departures aren't measured, rival modes are kept instead; of clocks with rates, nobody knows where
     they were some steps ago.
     """
-    unlabelled = not state.labelled and len(state.clocks.unset) > 1
+    unlabelled = not state.labelled and state.clocks.anchors > 1 and not state.clocks.framed
     return unlabelled and not state.belief.rates and not tells_no_departure(scan.scans)
 
 

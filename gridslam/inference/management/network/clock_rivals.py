@@ -90,7 +90,7 @@ def _limit(works: Sequence[Workspace], several: bool) -> None:
 
 def rival_modes(search: ClockSearch) -> Modes:
     """Modes of open clocks that have several, the likeliest first, then what is left if it counts."""
-    return _modes(search, search.unset, (REACH_M, MOST, MODE_COUNTS, np.inf))
+    return _modes(search, search.searched, (REACH_M, MOST, MODE_COUNTS, np.inf))
 
 
 def early_modes(search: ClockSearch) -> Modes:
@@ -98,7 +98,7 @@ def early_modes(search: ClockSearch) -> Modes:
 
     A line of sight that was missed, or clutter in its place, leaves a clock in doubt for a step or two.
     """
-    early = search.unset & (search.since <= FIRST_STEPS)
+    early = search.unset & (search.since <= FIRST_STEPS) & (not search.framed)
     return _modes(search, early, (LOBE_M, EARLY_MOST, EARLY_LEAST, LOBE_VARIANCE))
 
 
@@ -199,7 +199,7 @@ def reduced(population: Population[NetworkState]) -> Population[NetworkState]:
     offset, place = offsets(population), places(population)
     near = np.asarray((np.abs(offset[:, None] - offset) < ALIKE_M).all(-1))
     near &= (np.abs(place[:, None] - place) < ALIKE_M).all((-1, -2))
-    return population.merged(lambda _, other: not other.clocks.unset.any(), near)
+    return population.merged(lambda _, other: not other.clocks.searched.any(), near)
 
 
 def offsets(population: Population[NetworkState]) -> Array:
@@ -220,7 +220,7 @@ def places(population: Population[NetworkState]) -> Array:
 def unset_clocks(population: Population[NetworkState]) -> NDArray[np.bool_]:
     """Anchors (J,) whose clocks the likeliest searches for, or another that counts has set elsewhere."""
     offset = offsets(population)[np.array(population.log_weight) >= np.log(COUNTS)]
-    searched = population.best.clocks.unset
+    searched = population.best.clocks.unset_anchors
     if len(offset) < 2 or not offset.shape[1]:
         return searched.copy()
     return np.asarray(searched | (np.abs(offset - offset[0]) > ALIKE_M).any(0))

@@ -124,9 +124,9 @@ def _recovered(
         part = replace(part, monitor=part.monitor.followed(count, near))
         if not vague:
             return state.recorded(agent, part.monitor)
-    beacons = Beacons.of(part, state.clocks.unset, model, work)
+    beacons = Beacons.of(part, state.clocks.open_to(agent), model, work)
     unfound = part.monitor.still_lost() if lost else part.monitor
-    if len(np.unique(beacons.anchor)) < min(2, len(state.clocks.unset)):
+    if len(np.unique(beacons.anchor)) < min(2, state.clocks.anchors):
         return state.recorded(agent, unfound)
     belief, now_s = part.belief, part.time_s
     if lost:

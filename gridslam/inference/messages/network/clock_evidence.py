@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.network.clock_amplitudes import NOTHING, amplitude_ratio
+from gridslam.inference.messages.network.clock_votes import Sights, sight_votes
 from gridslam.inference.messages.path_prediction import predict_every_path
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.network.clock_search import CELL_M
@@ -25,10 +27,8 @@ SURE_SURFACE = 0.9
 """Existence from which on a surface's single bounces tell of clocks, too."""
 LEAST_CHANCE = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
-NOTHING = 1e-9
-"""Share of a path's being missed below which a measurement says nothing of it, at an offset or at all."""
-LEVEL_SHARE, WEAKENED = 0.12, 0.02
-"""Deviation of a path's amplitude from what its length makes it (1 dB), and share of those far off it."""
+IN_SIGHT = 0.5
+"""Chance of a line of sight at most, where agents' clocks are wide: what says otherwise is mostly a guess."""
 
 
 def agent_evidence(
@@ -41,6 +41,7 @@ def agent_evidence(
     scan: Scan,
     model: FilterModel,
     work: Workspace,
+    mass: Array | None = None,
 ) -> Array:
     """Log evidence of one agent's measurements about some anchors' clocks.
 
@@ -56,6 +57,9 @@ def agent_evidence(
         Surfaces of which single bounces may tell of clocks.
     centre : (C,) m
         Offsets.
+    mass : (J, C), optional
+        Of the offsets that are sought. If it is told, they may have caused a measurement as well, and so may
+        as much that is unknown as measurements are left over.
 
     Returns
     -------
@@ -66,28 +70,49 @@ def agent_evidence(
     value, width = believed.value.copy(), believed.spread.copy()  # the next prediction takes their buffer
     paths = predict_every_path(bare, model, work=work)
     rays, length, predicted = paths.rays, paths.prediction.length, paths.prediction.value
-    level = np.append(bare.surfaces.reflection @ REFLECTION_BINS, 1.0)[rays.last]
-    amplitude = radio.amplitude(length, level)
+    strength = np.append(bare.surfaces.reflection @ REFLECTION_BINS, 1.0)[rays.last]
+    amplitude = radio.amplitude(length, strength)
     chance = rays.existence * rays.surfaces * radio.detection_probability(amplitude)
     over_sure = (rays.surfaces > SURE_SURFACE) & np.append(witnessed, True)[rays.last]
     sure = (rays.bounces == 0) | ((rays.bounces == 1) & over_sure)
-    anchor_scan, total = work.once(whole_scan, scan, model), np.zeros((len(sought), len(centre)))
+    anchor_scan = work.once(whole_scan, scan, model)
     steep = lean(length, np.asarray(model.anchor_heights)[rays.anchor])
-    ratio = amplitude_ratio(anchor_scan.amplitude, amplitude, radio)
     spread = paths.prediction.spread
+    ratio = amplitude_ratio(anchor_scan.amplitude, amplitude, radio)
 
     def accuracy(chosen: NDArray[np.intp]) -> Array:
         return _deviations(anchor_scan, amplitude[chosen], predicted[chosen, 1:], steep[chosen], radio)
 
-    caused = np.zeros((len(sought), len(anchor_scan)))
+    caused = over_walls = np.zeros((len(sought), len(anchor_scan)))
     rows = np.flatnonzero(known[rays.anchor] & (chance > LEAST_CHANCE))
     if len(rows):
         density = joint_density(value[rows], width[rows], anchor_scan.value, accuracy(rows))
         may = (anchor_scan.label < 0) | (anchor_scan.label == rays.anchor[rows, None])
         share = np.where(may, chance[rows, None] * ratio[rows] * density, 0.0)
         caused = by_anchor(share, rays.anchor[rows], len(sought))
-    clutter = radio.false_alarms / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
+        over_walls = by_anchor(share * (rays.bounces[rows, None] > 0), rays.anchor[rows], len(sought))
     mine = np.flatnonzero(sure & sought[rays.anchor] & (chance > 0))
+    level: float | Array = radio.false_alarms
+    total = np.zeros((len(sought), len(centre)))
+    if mass is not None and len(mine):
+        given = _given_angles(predicted[mine], spread[mine], anchor_scan.value, accuracy(mine))
+        may = (anchor_scan.label < 0) | (anchor_scan.label == rays.anchor[mine, None])
+        share = chance[mine, None] * ratio[mine] * _over_offsets(given, mass[rays.anchor[mine]], centre)
+        caused += by_anchor(np.where(may, share, 0.0), rays.anchor[mine], len(sought))
+        level = _unknown(anchor_scan.label, caused, radio)
+        direct = np.flatnonzero(rays.bounces == 0)
+        direct = direct[np.argsort(rays.anchor[direct])]
+        if len(direct) == len(sought):
+            flat = level / (radio.span_m * 4 * np.pi**2)
+            over = over_walls.sum(0) - over_walls + flat
+            able = (anchor_scan.label < 0) | (anchor_scan.label == np.arange(len(sought))[:, None])
+            sights = Sights(np.minimum(chance[direct], IN_SIGHT), accuracy(direct), able, over)
+            total += sight_votes(
+                bare.belief, sights, anchor_scan, model, sought, known, mass, centre,
+                np.random.default_rng([work.seed, bare.step, 9]),
+            )  # fmt: skip
+            mine = mine[rays.bounces[mine] > 0]
+    clutter = level / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
     if len(mine):
         sender = rays.anchor[mine]
         able = (anchor_scan.label < 0) | (anchor_scan.label == sender[:, None])
@@ -95,8 +120,28 @@ def agent_evidence(
         each = clock_evidence(
             predicted[mine], spread[mine], chance[mine], anchor_scan.value, accuracy(mine), others, centre
         )
-        total = by_anchor(each, sender, len(sought))
+        total += by_anchor(each, sender, len(sought))
     return total
+
+
+def _over_offsets(given: tuple[Array, Array, Array], mass: Array, centre: Array) -> Array:
+    """Density of measurements by paths whose clock's offset has a mass (L, C) over cells, (L, M)."""
+    shift, variance, weight = given
+    normal = np.exp(-0.5 * (centre - shift[..., None]) ** 2 / variance[..., None])
+    return np.asarray(
+        weight * (normal * mass[:, None]).sum(-1) / np.sqrt(2 * np.pi * (variance + CELL_M**2 / 12))
+    )
+
+
+def _unknown(labels: NDArray[np.integer[Any]], caused: Array, radio: RadioModel) -> Array:
+    """How much of a kind with each measurement nobody knows the cause of, (M,): clutter, or more.
+
+    While walls are unknown, most paths are over them.
+    """
+    flat = radio.false_alarms / (radio.span_m * 4 * np.pi**2)
+    left = flat / (flat + caused.sum(0))
+    alike = labels[:, None] == labels
+    return np.asarray(np.maximum(alike @ left, radio.false_alarms))
 
 
 def by_anchor(value: Array, sender: NDArray[np.integer[Any]], anchors: int) -> Array:
@@ -193,28 +238,6 @@ def _given_angles(value: Array, own: Array, measured: Array, deviation: Array) -
     exponent = (turn**2 * other - 2 * turn * twist * both + twist**2 * one) / size
     weight = TURN_DENSITY * np.exp(-0.5 * exponent) / np.sqrt(size)
     return residual[..., 0] - shift, variance, weight
-
-
-def amplitude_ratio(measured: Array, expected: Array, radio: RadioModel) -> Array:
-    """What amplitudes say for paths of known strength, against any amplitude up to twice theirs.
-
-    A reflection may well have a line of sight's angles, but hardly its strength. One path in fifty counts as
-    weakened by something unknown, so that no amplitude rules a path out.
-
-    Parameters
-    ----------
-    measured : (M,)
-        NaN where not measured.
-    expected : (L,)
-
-    Returns
-    -------
-    (L, M)
-    """
-    level = np.asarray(expected)[:, None]
-    deviation = np.hypot(radio.amplitude_std(level), LEVEL_SHARE * level)
-    density = np.exp(-0.5 * ((measured - level) / deviation) ** 2) / (np.sqrt(2 * np.pi) * deviation)
-    return np.where(np.isnan(measured), 1.0, WEAKENED + (1 - WEAKENED) * 2 * level * density)
 
 
 def _deviations(scan: AnchorScan, amplitude: Array, angles: Array, steep: Array, radio: RadioModel) -> Array:

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.network.clock_evidence import agent_evidence
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.network.clock_search import NARROW_M, SET_VARIANCE
+from gridslam.inference.state.network.belief import NetworkBelief
+from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere
+from gridslam.inference.state.network.clock_search import NARROW_M, SET_VARIANCE, ClockSearch
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
@@ -40,14 +42,26 @@ def set_clocks(
     anchor's paths correct the agents by their angles.
     """
     state = challenge_clocks(state, scans, model, works=works)
-    if not state.clocks.unset.any():
+    if not state.clocks.searched.any():
         return state
-    search = state.clocks.updated(evidence_of(state, state.clocks.unset, scans, model, works=works))
+    search = state.clocks.updated(evidence_of(state, state.clocks.searched, scans, model, works=works))
     belief, first = state.belief, state.belief.layout.devices
-    for anchor, offset in search.decided(tells_no_departure(scans)):
-        belief, search = belief.independent(int(first[anchor]), offset, SET_VARIANCE), search.closed(anchor)
-    state = replace(state, belief=belief, clocks=search)
-    return loosened(state)
+    found = search.decided(tells_no_departure(scans))
+    for row, offset in search.surest(found) if search.framed else found:
+        frame, anchor = divmod(row, search.anchors)
+        if search.framed:  # in which agents' clocks and other frames hang together
+            root = agent_clock(belief, frame)
+            belief = belief.measured(int(first[anchor]), root, offset, search.mode_variance(row, offset))
+            search = search.begun_anew(frame)
+        else:
+            belief = belief.independent(int(first[anchor]), offset, SET_VARIANCE)
+        search = search.closed(row)
+    return loosened(replace(state, belief=belief, clocks=frames_joined(search)))
+
+
+def agent_clock(belief: NetworkBelief, frame: int) -> int | None:
+    """Entry of the clock whose frame it is; None for the common time."""
+    return belief.layout.agent_clock(frame - 1) if frame else None
 
 
 def tells_no_departure(scans: Sequence[Scan | None]) -> bool:
@@ -68,15 +82,28 @@ def challenge_clocks(
     A clock that was set by too little fits itself: surfaces are born about it, and what contradicts it
     counts as clutter.
     """
-    wide = model.clocks.half_width_m[: model.clocks.anchors] > NARROW_M
-    closed = wide & ~state.clocks.unset
+    closed = ClockSearch.start(model.clocks).unset & state.clocks.taken & ~state.clocks.unset
     later = state.step > CHALLENGE_STEPS and state.step % CHALLENGE_STEPS
     if later or not closed.any() or tells_no_departure(scans):  # rival modes are hypotheses then
         return state
     evidence = evidence_of(state, closed, scans, model, works=works)
-    devices = state.belief.layout.devices
-    mean, variance = state.belief.mean[devices], np.diagonal(state.belief.covariance)[devices]
-    return replace(state, clocks=state.clocks.challenged(closed, evidence, mean, np.sqrt(variance)))
+    mean, deviation = _believed(state)
+    return replace(state, clocks=state.clocks.challenged(closed, evidence, mean, deviation))
+
+
+def _believed(state: NetworkState) -> tuple[Array, Array]:
+    """Means and deviations (R,) of the offsets of all rows, m."""
+    belief, anchors = state.belief, state.clocks.anchors
+    devices, means, deviations = belief.layout.devices[:anchors], list[Array](), list[Array]()
+    for frame in range(1 + len(state.clocks.frame)):
+        mean, variance = belief.mean[devices], np.diagonal(belief.covariance)[devices]
+        root = agent_clock(belief, frame)
+        if root is not None:
+            both = belief.covariance[root]
+            mean, variance = mean - belief.mean[root], variance + both[root] - 2 * both[devices]
+        means.append(mean)
+        deviations.append(np.sqrt(np.maximum(variance, 0.0)))
+    return np.concatenate(means), np.concatenate(deviations)
 
 
 def evidence_of(
@@ -87,19 +114,34 @@ def evidence_of(
     *,
     works: Sequence[Workspace],
 ) -> Array:
-    """Log evidence (J, C) of all agents' measurements about some anchors' clocks, as if unknown."""
-    bare, first = state.belief, state.belief.layout.devices
-    for anchor in np.flatnonzero(sought).tolist():
-        bare = bare.independent(int(first[anchor]), 0.0, 0.0)
-    whole, search, evidence = replace(state, belief=bare), state.clocks, np.zeros_like(state.clocks.log)
-    witnessed = witnessed_surfaces(state)
-    for agent, scan in enumerate(scans):
-        if scan is not None and len(scan):
-            evidence += agent_evidence(
-                whole.part(agent), state.part(agent), sought, ~search.unset, witnessed, search.centre, scan,
-                model.agents[agent], works[agent],
-            )  # fmt: skip
+    """Log evidence (R, C) of all agents' measurements about some rows' offsets (R,), as if unknown."""
+    search, evidence = state.clocks, np.zeros_like(state.clocks.log)
+    witnessed, mass = witnessed_surfaces(state), search.mass if search.framed else None
+    for frame in range(1 + len(search.frame)):
+        rows = search.rows(frame)
+        own = sought[rows]
+        members = [agent for agent in range(len(scans)) if search.frame_of(agent) == frame]
+        if not (own.any() and members):
+            continue
+        whole = replace(state, belief=_without(state.belief, own, agent_clock(state.belief, frame)))
+        for agent in members:
+            scan = scans[agent]
+            if scan is not None and len(scan):
+                evidence[rows] += agent_evidence(
+                    whole.part_of(agent), state.part(agent), own, ~search.unset[rows], witnessed,
+                    search.centre, scan, model.agents[agent], works[agent],
+                    None if mass is None else np.where(own[:, None], mass[rows], 0.0),
+                )  # fmt: skip
     return evidence
+
+
+def _without(belief: NetworkBelief, sought: NDArray[np.bool_], root: int | None) -> NetworkBelief:
+    """The belief with some anchors' clocks (J,) at a frame's zero."""
+    first = belief.layout.devices
+    for anchor in np.flatnonzero(sought).tolist():
+        entry = int(first[anchor])
+        belief = belief.independent(entry, 0.0, 0.0) if root is None else belief.alike(entry, root)
+    return belief
 
 
 def witnessed_surfaces(state: NetworkState) -> NDArray[np.bool_]:
@@ -108,7 +150,7 @@ def witnessed_surfaces(state: NetworkState) -> NDArray[np.bool_]:
     Without labels, that path is taken for another anchor's over a wall that isn't there: one link hears it.
     """
     bank = state.surfaces
-    if state.labelled or len(state.clocks.unset) == 1:
+    if state.labelled or state.clocks.anchors == 1:
         return np.ones(len(bank), np.bool_)
     return np.asarray((bank.single > SURE_RAY).sum(0) >= WITNESSES)
 
@@ -118,21 +160,24 @@ def loosened(state: NetworkState) -> NetworkState:
     if not state.clocks.unset.any():
         return state
     belief, devices = state.belief, state.belief.layout.devices
-    for anchor in np.flatnonzero(state.clocks.unset):
+    for anchor in np.flatnonzero(set_nowhere(state.clocks)):
         mean, variance = state.clocks.moments(int(anchor))
         belief = belief.independent(int(devices[anchor]), mean, variance)
     return replace(state, belief=belief)
 
 
-def doubt_clocks(state: NetworkState, exchanges: Sequence[Exchange], model: NetworkModel) -> NetworkState:
+def doubt_clocks(
+    state: NetworkState, agent: int, exchanges: Sequence[Exchange], model: NetworkModel
+) -> NetworkState:
     """Open a set clock again once all paths of its anchor fall silent to an agent, while others are heard.
 
     A clock that jumped is wrong while everything else looks right. What is summed is how unlikely such
     silence is by chance.
     """
     search = state.clocks
+    rows = search.rows(search.frame_of(agent))
     wide = model.clocks.half_width_m[: model.clocks.anchors] > NARROW_M
-    if not (wide & ~search.unset).any():
+    if not (wide & ~search.unset[rows]).any():
         return state
     expected, received, surprise = np.zeros((3, len(wide)))
     for exchange in exchanges:
@@ -143,9 +188,11 @@ def doubt_clocks(state: NetworkState, exchanges: Sequence[Exchange], model: Netw
         surprise += np.bincount(sender, -np.log(missed), len(wide))
     silent = (expected > 0) & (received < SILENT_SHARE * expected)
     others = received.sum() - received >= RECEIVED_SHARE * (expected.sum() - expected)
-    doubt = np.where(received > RECEIVED_SHARE * expected, 0.0, search.doubt)
-    doubt = np.where(silent & others & ~search.unset, doubt + surprise, doubt)
+    doubt, unset = search.doubt.copy(), search.unset[rows]
+    doubt[rows] = np.where(received > RECEIVED_SHARE * expected, 0.0, doubt[rows])
+    doubt[rows] = np.where(silent & others & ~unset, doubt[rows] + surprise, doubt[rows])
+    opened = rows.start + np.flatnonzero(wide & (doubt[rows] > DOUBTED))
     search = replace(search, doubt=doubt)
-    for anchor in np.flatnonzero(wide & (doubt > DOUBTED)):
-        search = search.opened(int(anchor), model.clocks)
+    for row in opened:
+        search = search.opened(int(row), model.clocks)
     return loosened(replace(state, clocks=search))

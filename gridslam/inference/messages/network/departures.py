@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import replace
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.network.clock_setting import SURE_RAY, WITNESSES
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
@@ -50,3 +51,24 @@ def without_doubtful_departures(
 def unproven(bank: SurfaceBank) -> NDArray[np.bool_]:
     """Which surfaces (S,) may be images of double bounces: young ones that one anchor alone shows."""
     return np.asarray(((bank.single > SURE_RAY).sum(0) < WITNESSES) & (bank.seen < PROVEN))
+
+
+def without_open_clocks(
+    ratios: LikelihoodRatios, rays: Rays, network: NetworkState, agent: int
+) -> LikelihoodRatios:
+    """The ratios, with nothing that corrects of anchors whose clocks are open where agents' are wide, too.
+
+    While no clock is known, angles alone choose what a line of sight's measurement is, and may choose a
+    reflection, which then stands for itself when the clock is set. What the ratios say of which measurement
+    is whose stays.
+    """
+    if not network.clocks.framed:
+        return ratios
+    rows = np.flatnonzero(
+        network.clocks.open_to(agent)[rays.anchor][ratios.pairs.index[: len(ratios.pairs), 0]]
+    )
+    if not len(rows):
+        return ratios
+    pair = ratios.pairs.pair.copy()
+    pair[rows, 3:6] = UNMEASURED
+    return replace(ratios, pairs=replace(ratios.pairs, pair=pair))

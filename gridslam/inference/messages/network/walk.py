@@ -116,7 +116,7 @@ def _clocks_that_tell(
     agents = state.here & ~astray
     if not belief.clocks or belief.rates or state.step < FIRST_STEP or not clocks.walk_m > 0:
         return None
-    if (predicted.clocks.unset | state.clocks.unset).any() or not agents.any():
+    if (predicted.clocks.searched | state.clocks.searched).any() or not agents.any():
         return None
     return np.append(np.ones(clocks.anchors, bool), agents)
 

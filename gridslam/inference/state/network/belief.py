@@ -108,8 +108,16 @@ class NetworkBelief(Belief):
         """T of an agent's view, ``view = T state``, (5 + J + 2 S, N)."""
         return _places(self.layout, agent).rows
 
-    def view(self, agent: int) -> Belief:
-        """What an agent's measurements depend on: its pose, differences of clocks, and lines."""
+    def view(self, agent: int, loose: Loose | None = None) -> Belief:
+        """What an agent's measurements depend on: its pose, differences of clocks, and lines.
+
+        Parameters
+        ----------
+        loose : Loose, optional
+            Differences of clocks that stand in it as told, independent of all else.
+        """
+        if loose is not None:
+            return loose.in_view(self.view(agent))
         if self.alone:
             return Belief(self.mean, self.covariance)
         if agent not in self._views:
@@ -123,21 +131,27 @@ class NetworkBelief(Belief):
         """Views that were asked for."""
         return {}
 
-    def updated(self, agent: int, view: Belief) -> NetworkBelief:
+    def updated(self, agent: int, view: Belief, loose: Loose | None = None) -> NetworkBelief:
         """The joint belief after an agent's view has become `view`, exactly.
 
         The view may have been updated in any way, and have new lines at its end. With
         ``G = cov(state, view) cov(view)^-1``, the mean moves by G times what the view's moved by, and the
-        covariance by ``G (change of the view's) G^T``. What stands in the view itself is taken over.
+        covariance by ``G (change of the view's) G^T``. What stands in the view itself is taken over; of
+        differences of clocks that were `loose` in it, nothing is.
         """
         if self.alone:
             return replace(self, mean=view.mean, covariance=view.covariance)
         layout, (rows, _, _, rest) = self.layout, _places(self.layout, agent)
-        before, count, own = self.view(agent), len(rows), self.covariance
+        before, count, own = self.view(agent, loose), len(rows), self.covariance
         new = len(view.mean) - count
         if new < 0 or new % PER_LINE or view.clocks != self.clocks:
             raise ValueError("this view isn't one of this belief")
-        gain = solved(before.covariance, rows @ own[:, rest]).T
+        if loose is None:
+            gain = solved(before.covariance, rows @ own[:, rest]).T
+        else:
+            keep, gain = loose.others(count), np.zeros((len(rest), count))
+            inner = before.covariance[np.ix_(keep, keep)]
+            gain[:, keep] = solved(inner, (rows @ own[:, rest])[keep]).T
         shift = view.mean[:count] - before.mean
         shift[HEADING] = wrap(shift[HEADING])
         source, order = _taken_over(layout, agent, new)
@@ -167,10 +181,53 @@ class NetworkBelief(Belief):
         covariance[entry, entry] = variance
         return replace(self, mean=moved, covariance=covariance)
 
+    def measured(self, plus: int, minus: int | None, offset: float, variance: float) -> NetworkBelief:
+        """The belief once the difference of two entries (or one alone) was measured, by Kalman's formulas."""
+        column = self.covariance[plus] - (0.0 if minus is None else self.covariance[minus])
+        ahead = self.mean[plus] - (0.0 if minus is None else self.mean[minus])
+        size = column[plus] - (0.0 if minus is None else column[minus]) + variance
+        moved = self.mean + column * ((offset - ahead) / size)
+        covariance = self.covariance - np.outer(column, column / size)
+        return replace(self, mean=moved, covariance=0.5 * (covariance + covariance.T))
+
+    def alike(self, entry: int, other: int) -> NetworkBelief:
+        """The same with one entry as another, in all that is believed of it."""
+        moved, covariance = self.mean.copy(), self.covariance.copy()
+        moved[entry] = moved[other]
+        covariance[entry] = covariance[other]
+        covariance[:, entry] = covariance[:, other]
+        return replace(self, mean=moved, covariance=covariance)
+
     def clock_offsets(self) -> tuple[Array, Array]:
         """Means (J + I,), m, and covariance of all clocks: the anchors', then the agents'."""
         own = self.layout.devices
         return self.mean[own], self.covariance[np.ix_(own, own)]
+
+
+class Loose(NamedTuple):
+    """Differences of clocks in an agent's view that tell nothing of anything else.
+
+    Attributes
+    ----------
+    rows : (K,) int
+        Of the view.
+    mean, variance : (K,) m, m^2
+    """
+
+    rows: NDArray[np.intp]
+    mean: Array
+    variance: Array
+
+    def in_view(self, view: Belief) -> Belief:
+        """The view with these as they are told, independent of all else."""
+        mean, covariance = view.mean.copy(), view.covariance.copy()
+        covariance[self.rows], covariance[:, self.rows] = 0.0, 0.0
+        mean[self.rows], covariance[self.rows, self.rows] = self.mean, self.variance
+        return replace(view, mean=mean, covariance=covariance)
+
+    def others(self, count: int) -> NDArray[np.intp]:
+        """The other rows of a view of so many."""
+        return np.setdiff1d(np.arange(count), self.rows)
 
 
 class _Places(NamedTuple):

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.health.monitor import HealthMonitor
+from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.network.belief import NetworkBelief
+from gridslam.inference.state.layout import AGENT
+from gridslam.inference.state.network.belief import Loose, NetworkBelief
 from gridslam.inference.state.network.clock_search import ClockSearch
 from gridslam.inference.state.network.clock_walk import ClockWalk
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
@@ -129,12 +131,36 @@ class NetworkState:
         astray = np.array([record.monitor.astray for record in self.records])
         return np.asarray(~astray | astray.all())
 
+    def loose(self, agent: int) -> Loose | None:
+        """Differences of clocks that an agent's distances tell nothing of yet, by their histograms.
+
+        None where no agent's clock is wide: then `belief` itself holds open clocks independent of all else.
+        """
+        clocks = self.clocks
+        if not clocks.framed or not clocks.open_to(agent).any():
+            return None
+        layout, mean = self.belief.layout, self.belief.mean
+        ahead = mean[layout.agent_clock(agent)]
+        if clocks.frame_of(agent):
+            ahead = ahead - mean[layout.agent_clock(clocks.frame_of(agent) - 1)]
+        anchors = np.flatnonzero(clocks.open_to(agent))
+        first = clocks.rows(clocks.frame_of(agent)).start
+        moments = np.array([clocks.moments(first + int(anchor)) for anchor in anchors])
+        return Loose(AGENT + anchors, moments[:, 0] - ahead, moments[:, 1])
+
     def part(self, agent: int) -> State:
         """What one agent's messages work on: its view, the surfaces with its own rays, its record."""
+        return self._part(agent, self.belief.view(agent, self.loose(agent)))
+
+    def part_of(self, agent: int) -> State:
+        """The same with clocks as `belief` has them, whether they are set or not."""
+        return self._part(agent, self.belief.view(agent))
+
+    def _part(self, agent: int, view: Belief) -> State:
         own, record = self.links(agent), self.records[agent]
         single, double = self.surfaces.single[own].copy(), self.surfaces.double[own].copy()
         return State(
-            self.belief.view(agent), replace(self.surfaces, single=single, double=double),
+            view, replace(self.surfaces, single=single, double=double),
             self.los[own].copy(), record.calibration, record.monitor, self.step, self.next_identity,
             self.time_s, self.grid, record.amplitudes,
         )  # fmt: skip
@@ -162,7 +188,7 @@ class NetworkState:
         records[agent] = AgentRecord(part.calibration, part.monitor, part.amplitudes or RayAmplitudes())
         return replace(
             self,
-            belief=self.belief.updated(agent, part.belief),
+            belief=self.belief.updated(agent, part.belief, self.loose(agent)),
             surfaces=replace(bank, single=single, double=double),
             los=los,
             records=tuple(records),
