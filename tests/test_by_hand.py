@@ -156,7 +156,7 @@ def test_evidence_and_coefficients_are_handed_over_as_they_are():
     for grid in (slam.map(), (slam.step(silence()), slam.map())[1]):
         for name in ("evidence", "observed", "coefficient"):
             np.testing.assert_array_equal(getattr(grid, name), getattr(left, name))
-    # and rays meet it, believed in to 9 to 1: L' = log((0.9 e^L + 0.1) / (0.1 e^L + 0.9)), and a crossed cell is
+    # and rays meet it, believed in to 9 to 1, L' = log((0.9 e^L + 0.1) / (0.1 e^L + 0.9)): a crossed cell is
     # occupied by 1 / (1 + exp(-(L' + log odds of the prior)))
     believed = np.log((0.9 * np.exp(left.evidence) + 0.1) / (0.1 * np.exp(left.evidence) + 0.9))
     odds = believed + np.log(left.prior / (1 - left.prior))

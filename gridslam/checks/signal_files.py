@@ -8,7 +8,8 @@ judged first, over all antennas together; then directions, at the delay of that 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,48 +17,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.checks.signal_directions import Directions, directions
+from gridslam.checks.signal_places import MOST_PLACES, Complex, Places, exchanged, places_of
 from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal
 from gridslam.wording import counted
-from gridslam.world.geometry import direction
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
-from gridslam.world.waveform import Waveform, steering
+from gridslam.world.waveform import Waveform
 
-Complex = NDArray[np.complex128]
-MOST_PLACES, START_STEPS = 60, 3
-"""Steps that are looked at: of a known track, and from a known start on."""
 FINE = 8
 """Points per resolution cell of the delay."""
 THERE, BETTER = 0.5, 0.25
 """Share of the peak that a reading must have at the line of sight; how much more than as it stands."""
+OFFSET_THERE = 0.8
+"""The same of an offset of all delays: where the line of sight is hidden, a later path is the strongest."""
 READABLE = (1e4, 1e9)
 """Frequency steps (Hz) that a radio may have."""
-
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """What is known of the line of sight: one row per snapshot, N of them.
-
-    Attributes
-    ----------
-    step, anchor : (N,) int
-    distance_m, aod_rad, bearing_rad : (N,)
-        Length, departure from the anchor's orientation, direction from the agent in the scene's frame.
-    heading_rad : (N,)
-        Known without the file's own measurement.
-    slack_m : float
-        How far off lengths may be.
-    """
-
-    step: NDArray[np.intp]
-    anchor: NDArray[np.intp]
-    distance_m: Array
-    aod_rad: Array
-    bearing_rad: Array
-    heading_rad: Array
-    slack_m: float
 
 
 def describe_signal(
@@ -106,11 +83,12 @@ def describe_signal(
     lines += _levels(raw, samples, usable, waveform)
     if scene is not None and tuple(raw["anchors"]) != scene.anchor_names:
         lines.append(f"suspect: anchors: names that aren't the scene's ({', '.join(scene.anchor_names)})")
-    places = _places(raw, usable, scene, agent)
+    places = places_of(raw, usable, scene, agent)
     if places is None:
         more = "a scene (--scene) or a true track in the file would let the line of sight be looked for"
         return [*lines, f"signs, units of elements and offsets not checked: {more}"]
-    return lines + _line_of_sight(raw, samples, waveform, places)
+    others = exchanged(raw, usable, scene, agent)
+    return lines + _line_of_sight(raw, samples, waveform, places, others)
 
 
 def _summary(raw: dict[str, Any], samples: Array) -> str:
@@ -154,6 +132,35 @@ def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
     return np.asarray(good if received is None else good & np.asarray(received, bool))
 
 
+@dataclass(frozen=True, eq=False)
+class Delays:
+    """Snapshots at known places, and their delays.
+
+    Attributes
+    ----------
+    samples : (N, A, B, M) complex
+    profile : (N, n)
+        Power over delays, by its highest.
+    folding_m : float
+    """
+
+    samples: Complex
+    profile: Array
+    folding_m: float
+
+    @classmethod
+    def of(cls, samples: Array, waveform: Waveform, places: Places) -> Delays:
+        """Those of a file's samples (K, J, A, B, M)."""
+        own = samples[places.step, places.anchor].astype(np.complex128)
+        profile = delay_profile(own, waveform)
+        return cls(own, profile / profile.max(-1, keepdims=True), waveform.folding_m)
+
+    def share(self, places: Places, half: float, shift: float = 0.0, flipped: bool = False) -> float:
+        """Mean height of what is at the line of sight, over the highest peak."""
+        table = np.roll(self.profile[:, ::-1], 1, axis=1) if flipped else self.profile
+        return float(_at(table, places.distance_m + shift, half, self.folding_m).mean())
+
+
 def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], waveform: Waveform) -> list[str]:
     """Strongest peak and its SNR, by anchor."""
     lines = []
@@ -179,75 +186,59 @@ def delay_profile(samples: Complex, waveform: Waveform) -> Array:
     return np.asarray((np.abs(response) ** 2).sum((1, 2)))
 
 
-def _places(
-    raw: dict[str, Any], usable: NDArray[np.bool_], scene: Scene | None, agent: str | None
-) -> Places | None:
-    """Snapshots at which the line of sight is known."""
-    anchors, facing = raw.get("anchor_position_m"), raw.get("anchor_orientation_rad")
-    if scene is not None and tuple(raw["anchors"]) == scene.anchor_names:
-        anchors, facing = scene.anchor_positions, scene.anchor_orientations
-    truth, steps = raw.get("truth"), len(usable)
-    if anchors is None:
-        return None
-    facing = np.zeros(len(anchors)) if facing is None else facing
-    if truth is not None and len(truth) == steps:
-        chosen = np.unique(np.linspace(0, steps - 1, min(steps, MOST_PLACES)).astype(int))
-        position, heading, slack = truth.position_m[chosen], truth.heading_rad[chosen], 0.1
-    elif scene is not None:
-        body = scene.agent(agent) if agent is not None else scene.agents[0] if scene.agents else None
-        if body is None:
-            return None
-        chosen = np.arange(min(steps, START_STEPS))
-        position = np.broadcast_to(np.array(body.start_m), (len(chosen), 2))
-        heading = np.full(len(chosen), np.radians(body.start_heading_deg))
-        slack = body.prior.position_m + START_STEPS * body.step_m
-    else:
-        return None
-    row, anchor = np.nonzero(usable[chosen])
-    if not len(row):
-        return None
-    way = position[row] - np.asarray(anchors)[anchor]
-    leaving = direction(np.asarray(anchors)[anchor], position[row])
-    return Places(
-        chosen[row], anchor, np.hypot(*way.T), leaving - np.asarray(facing)[anchor], leaving + np.pi,
-        heading[row], slack,
-    )  # fmt: skip
-
-
-def _line_of_sight(raw: dict[str, Any], samples: Array, waveform: Waveform, places: Places) -> list[str]:
-    """Judge delays, then directions."""
-    own = samples[places.step, places.anchor].astype(np.complex128)
-    profile = delay_profile(own, waveform)
-    profile /= profile.max(-1, keepdims=True)
-    half = max(0.75 * SPEED_OF_LIGHT / waveform.bandwidth_hz, places.slack_m)
-
-    def share(shift: float = 0.0, flipped: bool = False) -> float:
-        """Mean height of what is at the line of sight, over the highest peak."""
-        table = np.roll(profile[:, ::-1], 1, axis=1) if flipped else profile
-        return float(_at(table, places.distance_m + shift, half, waveform.folding_m).mean())
-
-    plain = share()
-    lines = [
-        f"line of sight: {plain:.0%} of the strongest peak is found at its length, in {len(own)} snapshots"
-    ]
-    turned = share(flipped=True)
+def _line_of_sight(
+    raw: dict[str, Any], samples: Array, waveform: Waveform, places: Places, others: Mapping[str, Places]
+) -> list[str]:
+    """Judge delays, then directions; `others` are the places with two anchors exchanged, by what that is."""
+    own, half = Delays.of(samples, waveform, places), _half(waveform, places)
+    plain = own.share(places, half)
+    where = f"found at its length, in {len(own.samples)} snapshots"
+    lines = [f"line of sight: {plain:.0%} of the strongest peak is {where}"]
+    turned = own.share(places, half, flipped=True)
     if turned > THERE and turned > plain + BETTER:
-        return lines + _turned(raw, own, waveform, places, half)
+        return lines + _turned(raw, own.samples, waveform, places, half)
     shifts = np.arange(0, waveform.folding_m, 0.5 * half)
-    found = np.array([share(shift) for shift in shifts])
+    found = np.array([own.share(places, half, shift) for shift in shifts])
     best = float(shifts[found.argmax()])
-    if found.max() > THERE and found.max() > plain + BETTER:
+    if found.max() > OFFSET_THERE and found.max() > plain + BETTER:
         best = best - waveform.folding_m if best > 0.5 * waveform.folding_m else best
         off = f"{best:+.3g} m ({1e9 * best / SPEED_OF_LIGHT:+.3g} ns)"
         lines.append(f"suspect: samples: all delays are off by about {off}: a cable, a clock, a trigger?")
-        places = Places(
-            places.step, places.anchor, places.distance_m + best, places.aod_rad, places.bearing_rad,
-            places.heading_rad, places.slack_m,
-        )  # fmt: skip
+        places = replace(places, distance_m=places.distance_m + best)
     elif plain < THERE:
-        lines.append("the line of sight is weak or hidden there: directions not checked")
-        return lines
-    return lines + _directions(raw, own, waveform, places, half, False)[1]
+        swapped = _exchange(raw, samples, waveform, others, plain, None)
+        return [*lines, swapped or "the line of sight is weak or hidden there: directions not checked"]
+    fit, said = directions(raw, own.samples, waveform, places, half)
+    doubtful = fit is not None and fit.doubtful
+    swapped = _exchange(raw, samples, waveform, others, plain, fit) if doubtful else None
+    return [*lines, *said[:1], swapped] if swapped else lines + said
+
+
+def _half(waveform: Waveform, places: Places) -> float:
+    """How far beside its length the line of sight is looked for, m."""
+    return max(0.75 * SPEED_OF_LIGHT / waveform.bandwidth_hz, places.slack_m)
+
+
+def _exchange(
+    raw: dict[str, Any], samples: Array, waveform: Waveform, others: Mapping[str, Places], plain: float,
+    fit: Directions | None,
+) -> str | None:  # fmt: skip
+    """The two anchors that explain delays as well, and directions better, at each other's places; or None."""
+    best, line = 0.0 if fit is None else fit.share, None
+    for text, places in others.items():
+        own, half = Delays.of(samples, waveform, places), _half(waveform, places)
+        share = own.share(places, half)
+        if share < max(THERE, plain - 0.1):
+            continue
+        new, _ = directions(raw, own.samples, waveform, places, half)
+        if new is None:
+            better = fit is None and share > plain + BETTER
+        else:
+            better = not new.misses and new.share > best + 0.5 * BETTER
+            best = max(best, new.share)
+        if better:
+            line = f"suspect: anchors: {text}"
+    return line
 
 
 def _turned(raw: dict[str, Any], own: Complex, waveform: Waveform, places: Places, half: float) -> list[str]:
@@ -256,63 +247,15 @@ def _turned(raw: dict[str, Any], own: Complex, waveform: Waveform, places: Place
         "conjugated: the phase must turn as exp(-2j pi f d / c); take the conjugate": own.conj(),
         "with their frequencies in falling order; reverse that axis": own[..., ::-1],
     }
-    tried = {name: _directions(raw, z, waveform, places, half, True) for name, z in ways.items()}
+    tried = {name: directions(raw, z, waveform, places, half)[0] for name, z in ways.items()}
     line = "suspect: samples: delays run backwards, as of samples that are"
-    shares = [share for share, _ in tried.values()]
-    if any(np.isnan(share) for share in shares) or abs(shares[0] - shares[1]) < BETTER:
+    shares = {name: fit.share for name, fit in tried.items() if fit is not None}
+    one, other = (shares.get(name, 0.0) for name in ways)
+    if abs(one - other) < 0.5 * BETTER * max(
+        (fit.left for fit in tried.values() if fit is not None), default=1
+    ):
         return [f"{line} {' or '.join(name.split(':')[0].split(';')[0] for name in ways)}"]
-    return [f"{line} {max(tried, key=lambda name: tried[name][0])}"]
-
-
-def _directions(
-    raw: dict[str, Any], own: Complex, waveform: Waveform, places: Places, half: float, quiet: bool
-) -> tuple[float, list[str]]:
-    """How well directions fit as they stand, and what would make them fit; NaN where nothing tells them."""
-    shape = own.shape[1:3]
-    arrays = [raw.get("anchor_element_m"), raw.get("agent_element_m")]
-    if shape == (1, 1) or any(q is None and n > 1 for q, n in zip(arrays, shape, strict=True)):
-        return np.nan, []
-    anchor = np.zeros((len(raw["anchors"]), 1, 2)) if arrays[0] is None else np.asarray(arrays[0])
-    carried = np.zeros((1, 2)) if arrays[1] is None else np.asarray(arrays[1])
-    matched = _matched(own, waveform, places.distance_m, half)
-    measured = raw.get("heading_rad")
-    headings = {"": places.heading_rad}
-    if measured is not None and shape[1] > 1:
-        headings = {"": np.asarray(measured)[places.step]}
-        headings |= {"heading_rad: the true one": places.heading_rad}
-        headings |= {"heading_rad: degrees, not radians": np.radians(headings[""])}
-        headings |= {"heading_rad: the opposite sign": -headings[""]}
-
-    def share(heading: Array, scale: float = 1.0, sign: float = 1.0, turn: float = 0.0) -> float:
-        """Mean share of the power at the line of sight that its directions explain."""
-        length = waveform.wavelength_m
-        total = 0.0
-        for row, y in enumerate(matched):
-            leaving = steering(sign * scale * anchor[places.anchor[row]], places.aod_rad[row] + turn, length)
-            arriving = steering(sign * scale * carried, places.bearing_rad[row] - heading[row], length)
-            total += abs(leaving.conj() @ y @ arriving.conj()) ** 2 / max((abs(y) ** 2).sum(), 1e-300)
-        return total / len(matched)
-
-    plain = share(headings[""])
-    others = {f"suspect: {name}": share(heading) for name, heading in headings.items() if name}
-    others |= {
-        "suspect: element_m: wavelengths, not metres": share(headings[""], scale=waveform.wavelength_m),
-        "suspect: element_m: millimetres, not metres": share(headings[""], scale=1e-3),
-        "suspect: element_m: the opposite sign (y to the right, or phases of exp(-j))": share(
-            headings[""], sign=-1.0
-        ),
-    }
-    known = others.pop("suspect: heading_rad: the true one", None)
-    lines = (
-        [] if quiet else [f"directions: {plain:.0%} of the line of sight's power comes from where it should"]
-    )
-    best = max(others, key=lambda name: others[name])
-    as_good = known is None or others[best] > known - 0.4 * BETTER
-    if others[best] > THERE and others[best] > plain + BETTER and as_good:
-        lines.append(best)
-    elif known is not None and known > THERE and known > plain + BETTER:
-        lines.append("suspect: heading_rad: another frame or sensor than the agent's: the true heading fits")
-    return plain, lines
+    return [f"{line} {max(shares, key=lambda name: shares[name])}"]
 
 
 def _at(table: Array, lengths: Array, half: float, folding: float) -> Array:
@@ -322,12 +265,3 @@ def _at(table: Array, lengths: Array, half: float, folding: float) -> Array:
     middle = np.rint(lengths * count / folding).astype(int)
     columns = (middle[:, None] + np.arange(-reach, reach + 1)) % count
     return np.asarray(np.take_along_axis(table, columns, 1).max(1))
-
-
-def _matched(own: Complex, waveform: Waveform, lengths: Array, half: float) -> Complex:
-    """Samples (N, A, B) at the delay of the strongest peak within `half` of lengths (N,)."""
-    tries = lengths[:, None] + np.linspace(-half, half, 41)
-    response = waveform.delay_response(tries)
-    found = np.einsum("ntm,nabm->ntab", response.conj(), own, optimize=True)
-    best = (np.abs(found) ** 2).sum((2, 3)).argmax(1)
-    return np.asarray(found[np.arange(len(own)), best])
