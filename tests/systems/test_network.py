@@ -296,6 +296,7 @@ def test_agents_that_are_lost_say_nothing_of_clocks_until_enough_is_heard_or_lon
     assert not few.followed(2, 2).astray
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("labelled", [True, False])
 def test_agents_whose_clocks_are_as_wide_as_anchors_find_each_other_and_claim_no_common_time(labelled):
     """Differences are right, and what nothing observes stays as wide as priors leave it."""

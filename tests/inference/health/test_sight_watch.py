@@ -136,6 +136,7 @@ def test_errors_that_differ_from_look_to_look_are_nobodys_clock():
         assert not watch.doubt
 
 
+@pytest.mark.slow
 def test_an_anchor_that_comes_into_sight_late_and_turned_is_named_in_a_run():
     slam, said = gs.AdaptiveSlam(ROOM.with_filter(particles=200), seed=1), []
     for scan in list(gs.simulate(ROOM, "agent1", 25))[:60]:

@@ -93,6 +93,7 @@ def test_an_agent_that_was_well_and_leaps_is_distrusted_for_long():
     assert said[DISTRUSTED] == "anchor B seems turned by 5.7 degrees"
 
 
+@pytest.mark.slow
 def test_names_that_are_exchanged_in_mid_run_are_a_leap_and_accuse_nobody():
     """The world that fits them is another one: sure of itself, and metres off."""
     scene, said, off = gs.Scene.load("room").with_filter(particles=200), [], []
