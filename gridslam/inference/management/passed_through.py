@@ -22,8 +22,8 @@ CROSSED_NAT = -1.0
 """Evidence below which cells were crossed, rather than hit."""
 LEFT = 0.05
 """Share of a stretch that may be left: what nothing crosses, as beside another wall."""
-DOUBT_NAT = 1.0
-"""By how much the existence of such a wall falls at each step, in log odds."""
+EVERY, DOUBT_NAT = 4, 1.0
+"""Steps from look to look; by how much the existence of such a wall falls at each step, in log odds."""
 BESIDE_CELLS = np.array([-1.0, 0.0, 1.0])
 """Where cells are asked, beside the line."""
 
@@ -37,18 +37,14 @@ def doubt_passed(earlier: State, state: State, model: FilterModel) -> State:
         As predicted, of which the first surfaces of the state are.
     """
     grid = state.grid
-    if grid is None or grid.withheld is None:
+    if grid is None or grid.withheld is None or state.step % EVERY:
         return state
     bank, count = state.surfaces, len(earlier.surfaces)
     asked = bank.seen >= LASTING
     asked[:count] &= bank.seen[:count] == earlier.surfaces.seen  # what is heard off it, it sends
     asked[count:] = False
-    state = replace(state, surfaces=_doubted(bank, state.belief.lines, asked, grid, model))
-    parked = state.parked
-    if parked is None:
-        return state
-    hidden = _doubted(parked.surfaces, parked.lines, parked.surfaces.seen >= LASTING, grid, model)
-    return replace(state, parked=replace(parked, surfaces=hidden))
+    # those out of sight are parked, and come back before anything is heard through where they stood
+    return replace(state, surfaces=_doubted(bank, state.belief.lines, asked, grid, model))
 
 
 def _doubted(
@@ -59,7 +55,7 @@ def _doubted(
     if not rows:
         return bank
     existence = bank.existence.copy()
-    existence[rows] = 1 / (1 + np.exp(DOUBT_NAT) * (1 / existence[rows] - 1))
+    existence[rows] = 1 / (1 + np.exp(EVERY * DOUBT_NAT) * (1 / existence[rows] - 1))
     return replace(bank, existence=existence)
 
 

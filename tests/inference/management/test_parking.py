@@ -322,6 +322,13 @@ def test_once_around_a_building_of_60_walls_the_first_rooms_are_the_same_walls_a
     again = dict(zip(state.surfaces.identity.tolist(), state.surfaces.seen.tolist(), strict=True))
     assert sum(again.get(one, 0) > often for one, often in seen.items()) >= 2  # parked, and seen once more
     assert np.sqrt(np.mean(np.square(errors).sum(1))) < 0.008  # bound: 0.0055
+    # the next agent parks what it inherits and can't see, and goes on
+    next_one = gs.GridSlam(scene, seed=42, prior_map=slam.map())
+    for scan, own in zip(gs.simulate(scene, "agent1", seed=42), range(12), strict=False):
+        estimate = next_one.step(scan)
+        assert np.linalg.norm(estimate.position_m - scans.truth.position_m[own]) < 0.1
+    assert len(next_one.state.parked) >= 8
+    assert estimate.detected.sum() >= 0.85 * len(last)
 
 
 def found(truth, estimate):

@@ -10,6 +10,7 @@ from gridslam.inference.management.in_sight import LASTING
 from gridslam.inference.management.passed_through import doubt_passed
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.parked import Parked
 from gridslam.world.radio import BINS
 
 MODEL = model_of("room")
@@ -50,8 +51,8 @@ def after(earlier, state, steps=1):
 def test_a_wall_that_paths_went_through_all_along_is_gone_in_some_steps():
     earlier = inherited()
     now = crossed(earlier, -2.0, 2.0)
-    assert after(earlier, now) == pytest.approx(1 / (1 + np.e / 99))
-    assert after(earlier, now, 8) < MODEL.settings.prune_below
+    assert after(earlier, now) == pytest.approx(1 / (1 + np.e**4 / 99))  # for four steps at once
+    assert after(earlier, now, 2) < MODEL.settings.prune_below
 
 
 @pytest.mark.parametrize("part", [(-2.0, -2.0), (-2.0, 1.0), (-0.5, 0.5)])
@@ -73,3 +74,14 @@ def test_an_agent_without_an_earlier_map_goes_by_its_rays_as_before():
     assert after(own, crossed(own, -2.0, 2.0)) == 0.99
     young = inherited(sightings=LASTING - 1)
     assert after(young, crossed(young, -2.0, 2.0)) == 0.99
+
+
+def test_walls_that_are_parked_out_of_sight_stay_as_they_are():
+    """They come back into the joint belief before anything is heard through where they stood."""
+    earlier = inherited()
+    now = crossed(earlier, -2.0, 2.0)
+    bank = now.surfaces.take(np.array([0]))
+    parked = Parked(bank, np.array([0.0, WALL_M]), 1e-4 * np.eye(2), np.zeros((2, len(now.belief.mean))))
+    held = doubt_passed(earlier, replace(now, parked=parked), MODEL)
+    assert held.parked is parked
+    assert held.surfaces.existence[0] < 0.99
