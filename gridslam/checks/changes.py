@@ -23,6 +23,8 @@ GAIN, ALIKE = 40.0, 10.0
 """Log likelihood ratios in nats: over all that doesn't change, and that tells one anchor from another."""
 BREAKS, LEAST_LOOKS = 24, 12
 """Steps tried as the first wrong one, and at how many the anchor must have been in sight before and after."""
+CROSSING = 1.0
+"""Times as many crossings that an exchange must make: with other names fewer lines of sight cross."""
 WITHOUT = 0.25
 """Share of a table without a crossing from which on anchors may be exchanged there."""
 
@@ -115,11 +117,15 @@ def _exchange(seen: Crossed, other: Crossed, pair: tuple[int, int]) -> tuple[flo
     # to leave names as they are costs nothing; each later first step leaves one more as it was
     gains = 0.5 * np.append(np.cumsum((own - swapped)[::-1])[::-1], 0.0)
     first = int(gains.argmax())
-    there = [bool(row[list(pair)].any()) and step >= steps[min(first, len(steps) - 1)]
-             for step, row in zip(other.steps, other.sights, strict=True)]  # fmt: skip
-    fits = first < len(steps) and np.median(swapped[first:]) <= EXPLAINED
+    since = steps[min(first, len(steps) - 1)]
+    there = [
+        bool(row[list(pair)].any()) and step >= since
+        for step, row in zip(other.steps, other.sights, strict=True)
+    ]
+    before, after = (sum(step >= since for step in one.steps) for one in (seen, other))
+    fits = first < len(steps) and np.median(swapped[first:]) <= EXPLAINED and after >= CROSSING * before
     enough = sum(there) >= LEAST_LOOKS and first > 0
-    return (float(gains[first]) if fits and enough else 0.0), steps[min(first, len(steps) - 1)], sum(there)
+    return (float(gains[first]) if fits and enough else 0.0), since, sum(there)
 
 
 def _costs(seen: Crossed) -> dict[int, float]:

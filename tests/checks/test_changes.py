@@ -81,3 +81,14 @@ def test_what_is_wrong_all_the_time_has_not_changed(heard):
     late = replace(heard, distance_m=heard.distance_m + 2.0 * (heard.anchor == 1))
     model = PILLARS.filter_model("agent1")
     assert change(Crossed.of(late.columns, model), late.columns, model) is None
+
+
+@pytest.mark.slow
+def test_a_clock_that_jumps_is_no_exchange_of_the_other_two():
+    canyon = gs.Scene.load("canyon")
+    table = gs.simulate(canyon, "agent1", 21)
+    own = (table.anchor == 0) & (table.step >= 133)
+    late = replace(table, distance_m=table.distance_m + 2.0 * own)
+    model = canyon.filter_model("agent1")
+    found = change(Crossed.of(late.columns, model), late.columns, model)
+    assert "distances of anchor A are 2.0" in found.text
