@@ -14,6 +14,7 @@ from gridslam.systems.registry import METHODS, method_class, taken_by
 if TYPE_CHECKING:
     from gridslam.cli.asked import Asked
     from gridslam.measurements.observations import Observations
+    from gridslam.measurements.table import Measurements
     from gridslam.viewers.rerun_view import RunView
     from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
@@ -58,8 +59,15 @@ def require_map_used(map_file: Path | None, system: type, method: str) -> None:
         raise InputError("--map", found, f"none, or a method that does: {able}")
 
 
-def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -> Observations | None:
+def recorded(
+    world: Scene, file: Path | None, truth: Path | None, takes: Kind, agent: str | None = None
+) -> Observations | None:
     """What was heard by a file, with the truth that goes with it.
+
+    Parameters
+    ----------
+    agent : str, optional
+        Whose rows are taken of a table of several agents' path measurements; without it there may be one.
 
     Raises
     ------
@@ -84,10 +92,42 @@ def recorded(world: Scene, file: Path | None, truth: Path | None, takes: Kind) -
         with located(file):
             check_anchors(world, received)
         return with_truth(received, track, where)
-    measurements = Measurements.load(file, world.anchor_names, world.clocks is not None)
+    with_offsets = world.clocks is not None
+    own = None if agent is None else own_rows(file, world.anchor_names, agent, with_offsets)
+    measurements = Measurements.load(file, world.anchor_names, with_offsets) if own is None else own
     with located(file):
         check_anchors(world, measurements)
     return with_truth(measurements, track, where)
+
+
+def own_rows(file: Path, anchors: Sequence[str], agent: str, with_offsets: bool) -> Measurements | None:
+    """One agent's rows of a table of several; None if it is one agent's.
+
+    Raises
+    ------
+    InputError
+        It holds none of that agent, or not all of them say of which anchor they are.
+    """
+    from gridslam.checks.network_tables import is_network
+    from gridslam.errors import located
+    from gridslam.measurements.network import NetworkMeasurements
+
+    if not is_network(file):
+        return None
+    several = NetworkMeasurements.load(file, anchors, None, with_offsets)
+    if len(several.agents) < 2:
+        return None
+    if agent not in several.agents:
+        raise InputError(f"{file}: agent", f"no row of {agent!r}", ", ".join(several.agents))
+    with located(file):
+        own = several[agent]
+    open_ones = int((own.anchor < 0).sum())
+    if open_ones:
+        found = f"{open_ones} of {len(own.anchor)} rows of {agent} without anchor"
+        raise InputError(
+            f"{file}: anchor", found, "one in each row, or a method that finds them out: network"
+        )
+    return own
 
 
 @contextmanager

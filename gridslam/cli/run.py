@@ -83,7 +83,10 @@ def _run_in_turn(asked: Asked) -> None:
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
         tracks = asked.tracks(names)
-        every = {name: recorded(world, by_name.get(name), tracks.get(name), takes) for name in names}
+        whose = {name: name if asked.agent else None for name in names}
+        every = {
+            name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name]) for name in names
+        }
         known = {name: own for name, own in every.items() if own is not None}
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (

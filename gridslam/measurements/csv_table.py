@@ -19,7 +19,16 @@ import numpy as np
 from gridslam.errors import Faults, InputError, Note
 from gridslam.io.files import write_bytes
 from gridslam.measurements.foreign_columns import meant_by
-from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, UNITS, VALUES, Columns, check_columns
+from gridslam.world.columns import (
+    KEYS,
+    MOST_STEPS,
+    ONE_AGENT,
+    OPTIONAL,
+    UNITS,
+    VALUES,
+    Columns,
+    check_columns,
+)
 from gridslam.world.validation import nearest
 
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
@@ -147,7 +156,7 @@ def read_csv(
     if not several and "agent" in columns:
         if len(np.unique(columns.pop("agent"))) > 1:
             found = f"{len(whose)} agents ({', '.join(whose)})"
-            raise InputError(f"{path}: agent", found, "one, or a method for several (network)")
+            raise InputError(f"{path}: agent", found, ONE_AGENT)
     if checked:
         place = "{}: line {}: {}".format
         named = {IN_DEGREES[name]: name for name in written if name in IN_DEGREES}

@@ -12,7 +12,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
 from gridslam.measurements.simulated import simulated_of
-from gridslam.world.columns import OPTIONAL, UNITS, VALUES, Columns, check_columns
+from gridslam.world.columns import ONE_AGENT, OPTIONAL, UNITS, VALUES, Columns, check_columns
 from gridslam.world.trajectory import Trajectory
 
 KIND, VERSIONS = "gridslam-measurements", (1, 2)
@@ -74,7 +74,7 @@ def read_h5(path: str | os.PathLike[str], checked: bool = True) -> dict[str, Any
     with reading_h5(path, KIND, VERSIONS) as file:
         if "agents" in file and len(get(subgroup(file, "agents"), "name", (None,), "O")) != 1:
             found = f"{len(file['agents/name'])} agents"
-            raise InputError(f"{path}: /agents", found, "one, or a method for several (network)")
+            raise InputError(f"{path}: /agents", found, ONE_AGENT)
         rows, table = get_rows(file, str(path), checked)
         rows.pop("agent", None)
         if "truth" in file:

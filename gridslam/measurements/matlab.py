@@ -27,7 +27,7 @@ from gridslam.errors import InputError
 from gridslam.io.hdf5_guard import prove
 from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, own
 from gridslam.measurements.matlab5 import Damaged, read_arrays
-from gridslam.world.columns import KEYS, OPTIONAL, VALUES, Columns, check_columns
+from gridslam.world.columns import KEYS, ONE_AGENT, OPTIONAL, VALUES, Columns, check_columns
 
 GROUP = "measurements"
 COLUMNS = (*KEYS, *VALUES, *OPTIONAL)
@@ -65,7 +65,7 @@ def read_mat(
     raw = read_variables(path, (*COLUMNS, "anchors", *AGENTS), GROUP)
     several = len(set(np.ravel(raw["agent"]).tolist())) if "agent" in raw else 1
     if several > 1:
-        raise InputError(f"{path}: agent", f"{several} agents", "one, or a method for several (network)")
+        raise InputError(f"{path}: agent", f"{several} agents", ONE_AGENT)
     return _table(raw, anchors, checked, str(path))
 
 

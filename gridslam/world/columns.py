@@ -17,6 +17,8 @@ ELEVATIONS = ("aod_elevation_rad", "aoa_elevation_rad")
 OPTIONAL = (*DEVIATIONS, *ELEVATIONS, "aod_elevation_std_rad", "aoa_elevation_std_rad")
 """Columns that a table may lack altogether."""
 MOST_STEPS = 10_000_000
+ONE_AGENT = "one (run --agent NAME takes one's rows), or a method for several (network)"
+"""What is allowed where a table holds several agents, and one is asked for."""
 UNITS = {
     "step": "1",
     "time_s": "s",

@@ -1,0 +1,65 @@
+"""One agent's rows of a table of several devices: `run --agent` takes them, for any method of one agent."""
+
+import h5py
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.cli.observed import own_rows
+from gridslam.errors import InputError
+
+TABLE = """step,time_s,agent,anchor,distance_m
+0,0,me,A,1.5
+0,0,you,B,2.5
+1,1,you,A,3.5
+2,2,me,,4.5
+"""
+
+
+@pytest.fixture
+def fleet(tmp_path):
+    path = tmp_path / "fleet.csv"
+    path.write_text(TABLE)
+    return path
+
+
+def test_rows_of_one_of_several(fleet):
+    own = own_rows(fleet, ("A", "B"), "you", False)
+    assert own.distance_m.tolist() == [2.5, 3.5]
+    assert own.anchor.tolist() == [1, 0]
+    assert own.step.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    ("agent", "said"),
+    [("nobody", "agent: found no row of 'nobody'; allowed: me, you"), ("me", "anchor: found 1 of 2 rows")],
+)
+def test_rows_that_are_not_there_or_leave_their_anchor_open(fleet, agent, said):
+    with pytest.raises(InputError, match=f"fleet.csv: {said}"):
+        own_rows(fleet, ("A", "B"), agent, False)
+
+
+def test_a_table_of_one_agent_is_read_as_ever(tmp_path):
+    path = tmp_path / "one.csv"
+    path.write_text("\n".join(line for line in TABLE.splitlines() if ",you," not in line))
+    assert own_rows(path, ("A", "B"), "you", False) is None
+
+
+@pytest.mark.slow
+def test_run_takes_the_rows_of_the_agent_that_is_named(say, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda part, run=None: [])
+    whole = gs.Scene.load("canyon").model_dump(exclude_none=True)
+    whole["agents"] = [agent | {"steps": 3} for agent in whole["agents"]]
+    (tmp_path / "short.toml").write_text(gs.Scene.checked(whole, "short").to_toml())
+    both = "--agent", "agent1", "--agent", "agent2"
+    assert say("simulate", "short.toml", *both, "-o", "both.csv").code == 0
+    assert say("simulate", "short.toml", "--agent", "agent2", "-o", "second.csv").code == 0
+    either = say("run", "short.toml", "--measurements", "both.csv", "-o", "either")
+    assert either.code == 2
+    assert "found 2 agents (agent1, agent2); allowed: one (run --agent NAME takes one's rows)" in either.err
+    for name in ("both", "second"):
+        asked = "run", "short.toml", "--measurements", f"{name}.csv", "--agent", "agent2", "-o", name
+        assert say(*asked).code == 0
+    tracks = [h5py.File(tmp_path / name / "agent2" / "steps.h5") for name in ("both", "second")]
+    np.testing.assert_array_equal(*(file["steps/position_m"][:] for file in tracks))
