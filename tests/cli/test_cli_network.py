@@ -24,6 +24,9 @@ def short_exchange(tmp_path, monkeypatch):
     whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
     whole["filter"]["particles"] = 500
     whole["agents"] = [agent | SHORT for agent in whole["agents"][:2]]
+    whole["clocks"]["anchor_prior_ns"] = 5.0  # wider ones are searched for in whole steps, which takes long
+    for anchor in whole["anchors"]:
+        anchor["clock"]["offset_ns"] *= 0.04
     scene = gs.Scene.checked(whole, "short")
     (tmp_path / "short.toml").write_text(scene.to_toml())
     return "short.toml"
