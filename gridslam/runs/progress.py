@@ -71,7 +71,9 @@ def progress_bar(
         def tell(estimate: Estimate, done: int, total: int) -> None:
             nonlocal square, count
             rate = done / max(bar.get_time() - began, 1e-9)
-            state = f"{rate:.1f} steps/s, {counted(int(estimate.detected.sum()), 'surface')}"
+            state = f"{rate:.1f} steps/s"
+            if len(estimate.surfaces):  # hybrid SLAM, and many a method of one's own, have none
+                state += f", {counted(int(estimate.detected.sum()), 'surface')}"
             if truth is not None and truth.time_s[0] <= estimate.time_s <= truth.time_s[-1]:
                 there = [np.interp(estimate.time_s, truth.time_s, axis) for axis in truth.position_m.T]
                 square, count = square + float(((estimate.position_m - there) ** 2).sum()), count + 1
