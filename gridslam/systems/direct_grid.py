@@ -119,7 +119,6 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
 
     method = "direct_grid"
     keeps_grid = True
-    spared_cells = 1.5  # a bounce meets the cells in front of a wall, at it and behind it: all of them
     start = staticmethod(grid.start)
     advance = staticmethod(step)
 

@@ -55,8 +55,6 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     keeps_grid: ClassVar[bool] = False
     """Whether it maps cells."""
-    spared_cells: ClassVar[float] = 0.0
-    """See `CellBuffers`."""
     branches: ClassVar[bool] = False
     """Whether it holds several hypotheses where one Gaussian won't do."""
 
@@ -76,7 +74,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         return self.now._replace(believed=Population.of(state))
 
     def _workspace(self) -> Workspace:
-        return Workspace(self.model, self.seed, self.keeps_grid, spared_cells=self.spared_cells)
+        return Workspace(self.model, self.seed, self.keeps_grid)
 
     def _begun(self, state: State) -> Population[State]:
         return begun(state, self.model) if self._branches(state) else Population.of(state)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from kernel_worlds import BINS, SEEDS, some_rows
 
 from gridslam import reference
+from gridslam.inference.workspace.cell_buffers import SPARED_CELLS
 from gridslam.kernels import ALREADY_LISTED, CELL_SLABS, STATE_GIVEN
 from gridslam.kernels.primitives.blocks import Belief, Casting, Cells, Draft, Links, Listed, Query, Slabs
-from gridslam.systems.direct_grid import DirectGridSlam
 
 
 def launch_cast(state, path, place, worth, traversed, hit, frame, seed=0, spared=0.0):
@@ -206,7 +206,7 @@ def test_a_wall_on_a_border_of_cells_keeps_the_cell_in_front():
     table = np.full((5, 11), 0.1)
     state = np.array([10.5, 2.6, 0.0, 0.0, 1.0, 0.99]).reshape(-1, 1)
     freed = []
-    for spared in (1.0, DirectGridSlam.spared_cells):
+    for spared in (1.0, SPARED_CELLS):
         message = launch_cast(
             state, np.array([[1, 0, 0]], np.int32), np.array([0.5, 2.6]), np.array([np.exp(3.0)]), table,
             table, np.array([0.0, 0.0, 1.0]), spared=spared,

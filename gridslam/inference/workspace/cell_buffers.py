@@ -24,6 +24,9 @@ OCCUPANCY_BYTES = 64_000_000
 """What occupancies of several hypotheses' grids may take; that of one is kept anyway."""
 OUTSIDE = 0.1
 """Factor of a hit outside the grid."""
+SPARED_CELLS = 1.5
+"""How many cells along its normal a wall is spared by the rays that it reflects, (M520): a bounce meets the
+cells in front of a wall, at it and behind it, all of which may hold it."""
 OTHER_MATERIAL = 0.05
 """Share of the belief that a wall is of another material where it is hit next."""
 
@@ -34,8 +37,6 @@ class CellBuffers:
     Parameters
     ----------
     model : FilterModel
-    spared_cells : float
-        How many cells along its normal a wall is spared by the rays that it reflects: they don't cross these.
 
     Raises
     ------
@@ -43,7 +44,7 @@ class CellBuffers:
         The machine has no memory for so many cells.
     """
 
-    def __init__(self, model: FilterModel, spared_cells: float = 0.0) -> None:
+    def __init__(self, model: FilterModel) -> None:
         shape = model.grid.shape
         self.count = shape[0] * shape[1]
         check_room(self.count)
@@ -56,7 +57,7 @@ class CellBuffers:
         prior = 1 - np.exp(-cell / free_path)
         self.prior_odds = float(np.log(prior / (1 - prior)))
         self.clear = _clear(origin, cell, shape, model.anchor_positions).view(np.uint8).reshape(-1)
-        spared_m = spared_cells * cell
+        spared_m = SPARED_CELLS * cell
         self.frame = np.array([*origin, cell, OUTSIDE, EVIDENCE_CLIP, 0.0, OTHER_MATERIAL, spared_m])
         self.frame_of_messages = self.frame.copy()
         self.frame_of_messages[5] = MOSTLY_POSSIBLE

@@ -58,8 +58,6 @@ class Workspace:
         Whether the system maps cells.
     cells : CellBuffers, optional
         Of another workspace, with which this one shares its grid.
-    spared_cells : float
-        See `CellBuffers`.
 
     Raises
     ------
@@ -68,13 +66,12 @@ class Workspace:
     """
 
     def __init__(
-        self, model: FilterModel, seed: int, grid: bool = False, cells: CellBuffers | None = None,
-        spared_cells: float = 0.0,
-    ) -> None:  # fmt: skip
+        self, model: FilterModel, seed: int, grid: bool = False, cells: CellBuffers | None = None
+    ) -> None:
         settings = model.settings
         self.seed = seed
         self.recovers = True
-        self._cells = CellBuffers(model, spared_cells) if grid and cells is None else cells
+        self._cells = CellBuffers(model) if grid and cells is None else cells
         self.particles = Particles(settings.particles, seed, settings.adapt_particles)
         self.messages = PathMessages(self._cells is not None)
         self.seconds: defaultdict[str, float] = defaultdict(float)
