@@ -27,9 +27,18 @@ CLEAR_M, NEAR_M = 0.4, 0.5
 
 
 def silent_sights(
-    estimates: Sequence[Estimate], heard: Measurements, earlier: Map, model: FilterModel
+    estimates: Sequence[Estimate],
+    heard: Measurements,
+    earlier: Map,
+    model: FilterModel,
+    later: Map | None = None,
 ) -> list[tuple[str, int, int]]:
     """Anchors that weren't heard for long though the map knows their line of sight to be free.
+
+    Parameters
+    ----------
+    later : Map, optional
+        What was made of it since: what stands in the way by this map explains silence, too.
 
     Returns
     -------
@@ -42,6 +51,7 @@ def silent_sights(
             continue
         silent = [
             not _is_heard(heard, one, anchor, model)
+            and (later is None or _is_open(one, anchor, later, model))
             for one in estimates
             if _is_open(one, anchor, earlier, model)
         ]

@@ -88,7 +88,7 @@ def silence_notes(
         if earlier is None or not isinstance(heard, Measurements):
             continue
         for name, expected, silent in silent_sights(
-            run.estimates, heard, earlier, world.filter_model(run.agent)
+            run.estimates, heard, earlier, world.filter_model(run.agent), run.map
         ):
             notes.append(
                 f"{run.agent}: by {file} anchor {name} is in sight at {expected} steps, and wasn't heard at "

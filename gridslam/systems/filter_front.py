@@ -20,6 +20,7 @@ from gridslam.estimates import Estimate
 from gridslam.maps.frames import fitted
 from gridslam.maps.map import Map
 from gridslam.maps.run_identity import Identity, refuse_heard
+from gridslam.wording import counted
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.observation import Kind, Observation
 from gridslam.world.scan import Scan, require_step
@@ -107,6 +108,11 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         self.inherited = None if prior is None else self._inherited(prior)
         begun = self._begun(self.start(self.model, prior))
         self.now = Moment(begun, Identity.of(scene.anchor_positions))
+
+    def __repr__(self) -> str:
+        """One line."""
+        steps = counted(self.state.step, "step")
+        return f"<{type(self).__name__} of {self.agent} in {self.scene.name}: {steps}>"
 
     @property
     def state(self) -> Any:

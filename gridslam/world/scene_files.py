@@ -33,6 +33,8 @@ def scene_text(name_or_path: str | os.PathLike[str]) -> tuple[str, str]:
     if path.name == str(name_or_path) and path.suffix != ".toml":
         if path.name not in bundled_scenes():
             allowed = f"{', '.join(bundled_scenes())}, or the path of a .toml file"
+            if Path(f"{path.name}.toml").is_file():
+                allowed = f"{path.name}.toml, which is here, or a bundled scene"
             raise InputError("scene", repr(path.name), allowed)
         path = BUNDLED / f"{path.name}.toml"
     try:

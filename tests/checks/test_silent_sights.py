@@ -65,5 +65,12 @@ def test_cells_that_nobody_knows_or_that_may_be_wall_promise_nothing(heard, free
         assert silent_sights(went(), silent, grid, MODEL) == []
 
 
+def test_what_stands_in_the_way_by_now_explains_silence(heard, free):
+    silent = without_sight(heard, 1, range(STEPS))
+    blocked = replace(free, evidence=np.full(free.shape, 5.0))
+    assert silent_sights(went(), silent, free, MODEL, free)
+    assert silent_sights(went(), silent, free, MODEL, blocked) == []
+
+
 def test_an_agent_that_is_known_badly_says_nothing(heard, free):
     assert silent_sights(went(std_m=0.4), without_sight(heard, 1, range(STEPS)), free, MODEL) == []

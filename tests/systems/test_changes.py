@@ -76,8 +76,8 @@ LEAST_OF_CLOSED = 0.7
 """Share of the cells that are hit most, over the seeds: hits fall on their neighbours, too."""
 HIT = np.array([[0.65, 0.55], [0.65, 0.65]])
 STRETCH = np.array([[0.6, 0.4], [0.6, 0.7]])
-"""Of the door, where what A sends hits it after it closed; B's hits are from y = 1.2 m on, and between is nothing
-that says that it closed there, too."""
+"""Of the door, where what A sends hits it after it closed; B's hits are from y = 1.2 m on, and between is
+nothing that says that it closed there, too."""
 
 
 def has_wall(grid, stretch, off_m=0.05):

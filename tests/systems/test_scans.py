@@ -155,3 +155,7 @@ def test_poses_score_alike_in_blocks_of_any_size(monkeypatch):
         monkeypatch.setattr(pose_fix, "BLOCK", block)
         found.append(gs.GridSlam(vague, seed=1).step(SCANS[0]).position_m)
     np.testing.assert_allclose(*found, atol=1e-9)
+
+
+def test_a_filter_says_in_a_line_what_it_is():
+    assert repr(gs.AdaptiveSlam(gs.Scene.load("room"))) == "<AdaptiveSlam of agent1 in room: 0 steps>"

@@ -135,6 +135,15 @@ def test_missing_and_unreadable_files_are_named(tmp_path):
         assert caught.value.where == str(path)
 
 
+def test_a_file_of_the_name_is_pointed_at(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flat.toml").write_text("")
+    with pytest.raises(
+        InputError, match=r"found 'flat'; allowed: flat\.toml, which is here, or a bundled scene"
+    ):
+        Scene.load("flat")
+
+
 def test_unknown_name_lists_the_bundled_scenes():
     names = (
         "alcove, annex, building, canyon, ceiling, chamber, exchange, facade, hall, overlap, pillars, room, "
