@@ -34,6 +34,8 @@ FAIR_CROWD = 16
 """Times as many particles as usual that an offset alone is judged by: with fewer, luck is worth 30 nats."""
 MOST_MISFIT = 4.0
 """Misfit per degree of freedom above which even the best error in the distances explains nothing."""
+MOST_MISFIT_HEIGHT = 6.0
+"""The same of a height of all anchors that others explain as much as: it's told as one of several causes."""
 STRAIGHT_RAD = np.radians(30)
 """Change of course below which a way is straight."""
 MOST_PERMUTED = 4
@@ -158,15 +160,19 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     if not found:
         return None
     plain, ranked = found[0], sorted(found[1:], key=lambda fit: fit.misfit)
-    best, error = ranked[0], ranked[0].error
+    best, alike = ranked[0], [fit for fit in ranked[1:] if ranked[0].gain(fit) < CLEAR]
+    common = None if _named_beside(best, alike) else _common_height([best, *alike], plain, scene)
+    if common is not None:
+        best, alike = common, [fit for fit in (best, *alike) if fit is not common]
+    error = best.error
     if error is None or abs(best.size_m) < error.least_m or best.gain(plain) < PROBABLE:
         return None
     heights = forgotten_heights(table, scene, agent, sight, best)
     if heights is not None:
         suspicion, level = heights
         return Cure(suspicion, level, settled(level, scene, agent))
-    alike = [fit for fit in ranked[1:] if best.gain(fit) < CLEAR]
-    if best.misfit > MOST_MISFIT * best.count or not _named_beside(best, alike):
+    most = MOST_MISFIT if common is None else MOST_MISFIT_HEIGHT
+    if best.misfit > most * best.count or not (common or _named_beside(best, alike)):
         return None
     spoilt = np.isin(table["anchor"], error.anchors)
     distance = table["distance_m"]
@@ -187,6 +193,15 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
         text += f"; or {_words(fit.error, fit.size_m, scene)}: too few anchors at once to tell which"
     suspicion = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
     return Cure(None if allowed_for(error, best.size_m, scene, agent) else suspicion, whole, after)
+
+
+def _common_height(alike: list[RangeFit], plain: RangeFit, scene: Scene) -> RangeFit | None:
+    """The height of all anchors among what explains about as much, if the scene has none and it is sure."""
+    for fit in alike if not scene.has_heights else ():
+        error = fit.error
+        if error is not None and error.kind == "slant" and len(error.anchors) == len(scene.anchors):
+            return fit if fit.size_m >= error.least_m and fit.gain(plain) >= CERTAIN else None
+    return None
 
 
 def allowed_for(error: RangeError, size_m: float, scene: Scene, agent: str | None) -> bool:
