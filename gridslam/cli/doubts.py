@@ -33,10 +33,31 @@ def fit_notes(
     scene : str
         The scene as it was asked for.
     """
+    early = early_notes(world, runs, observations)
     notes = _range_notes(world, runs, observations)
     if notes:  # such distances fit no true track either
-        return notes
-    return [*_misfit_notes(world, runs, observations, file, scene), *truth_notes(world, runs, observations)]
+        return [*notes, *early]
+    misfit = _misfit_notes(world, runs, observations, file, scene)
+    return [*misfit, *early, *truth_notes(world, runs, observations)]
+
+
+def early_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
+    """Whose paths arrive before lines of sight could, from where the run puts the agent."""
+    from gridslam.checks.early_arrivals import early_arrivals
+    from gridslam.measurements.table import Measurements
+
+    notes = []
+    for run, heard in zip(runs, observations, strict=True):
+        if not isinstance(heard, Measurements) or world.clocks is not None:
+            continue
+        early = early_arrivals(run.estimates, heard, world.filter_model(run.agent))
+        if early is not None:
+            notes.append(
+                f"{run.agent}: at {early.steps} of {early.heard} steps a path is shorter than the line of "
+                f"sight to where this run puts the agent, by up to {early.short_m:.1f} m (anchor "
+                f"{early.anchor}): it was elsewhere, or distances are too short"
+            )
+    return notes
 
 
 def radio_notes(world: Scene) -> list[str]:

@@ -1,0 +1,72 @@
+"""Paths that arrive before a line of sight could, from where a run puts its agent: it was elsewhere.
+
+That needs no map, and tells a filter that is lost and sure of itself, as `va` by distances alone may be in a
+flat: metres off, about every other anchor is nearer in truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gridslam.arrays import Array
+from gridslam.estimates import Estimate
+from gridslam.measurements.table import Measurements
+from gridslam.world.filter_model import FilterModel
+
+LOUD = 2.5
+"""Times the detection threshold from which on no amplitude is clutter's: one in 10,000 of it at 2 is."""
+DEVIATIONS, LEAST_M = 4.0, 0.2
+"""By how many deviations of distance and position together, and how much more, a path is too short."""
+LEAST_STEPS = 3
+"""Steps below which nothing is said."""
+
+
+class EarlyArrivals(NamedTuple):
+    """At how many of the steps that were heard a path is too short, by how much at most (m), and whose."""
+
+    steps: int
+    heard: int
+    short_m: float
+    anchor: str
+
+
+def early_arrivals(
+    estimates: Sequence[Estimate], heard: Measurements, model: FilterModel
+) -> EarlyArrivals | None:
+    """Loud paths shorter than the line of sight to where each step puts the agent; None if hardly any.
+
+    Where no amplitudes are measured clutter can't be told from paths, and nothing is said.
+    """
+    anchors = heard.anchors[: model.senders]
+    places = [model.anchor_names.index(name) for name in anchors]
+    steps = count = 0
+    worst, whose = 0.0, ""
+    for one in estimates:
+        scan = heard.scan(one.step)
+        count += len(scan) > 0
+        own = np.asarray(scan.anchor)
+        loud = np.nan_to_num(np.asarray(scan.amplitude)) > LOUD * model.radio.threshold
+        if not loud.any():
+            continue
+        of = np.array(places)[own]
+        level = np.hypot(*(model.anchor_positions[of] - one.position_m).T)
+        sight = np.hypot(level, np.asarray(model.anchor_heights)[of])
+        short: Array = sight - scan.distance_m - LEAST_M
+        short -= DEVIATIONS * np.hypot(_deviations(scan, model), np.sqrt(np.trace(one.covariance[:2, :2])))
+        if not (loud & (short > 0)).any():
+            continue
+        steps += 1
+        row = int(np.argmax(np.where(loud & (short > 0), sight - scan.distance_m, -np.inf)))
+        if sight[row] - scan.distance_m[row] > worst:
+            worst, whose = float(sight[row] - scan.distance_m[row]), anchors[own[row]]
+    return EarlyArrivals(steps, count, worst, whose) if steps >= LEAST_STEPS else None
+
+
+def _deviations(scan: object, model: FilterModel) -> Array:
+    """Standard deviations of the rows' distances, m."""
+    given = getattr(scan, "distance_std_m", None)
+    usual = model.radio.distance_std(np.asarray(scan.amplitude))  # type: ignore[attr-defined]
+    return usual if given is None else np.where(np.isfinite(given), given, usual)
