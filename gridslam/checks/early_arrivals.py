@@ -15,9 +15,11 @@ from gridslam.arrays import Array
 from gridslam.estimates import Estimate
 from gridslam.measurements.table import Measurements
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.scan import Scan
 
-LOUD = 2.5
-"""Times the detection threshold from which on no amplitude is clutter's: one in 10,000 of it at 2 is."""
+CLUTTER_NAT = 21.0
+"""How unlikely clutter is as loud as a path that counts: its amplitudes are Rayleigh's with a squared scale
+of a half above the threshold, so that e^-21 of them are beyond the root of 21 and the threshold's square."""
 DEVIATIONS, LEAST_M = 4.0, 0.2
 """By how many deviations of distance and position together, and how much more, a path is too short."""
 LEAST_STEPS = 3
@@ -39,16 +41,25 @@ def early_arrivals(
     """Loud paths shorter than the line of sight to where each step puts the agent; None if hardly any.
 
     Where no amplitudes are measured clutter can't be told from paths, and nothing is said.
+
+    Parameters
+    ----------
+    estimates : sequence of Estimate
+        Of a run on what was heard.
+    heard : Measurements
+        Of anchors that the model has.
+    model : FilterModel
     """
     anchors = heard.anchors[: model.senders]
     places = [model.anchor_names.index(name) for name in anchors]
+    loudest_clutter = np.sqrt(CLUTTER_NAT + model.radio.threshold**2)
     steps = count = 0
     worst, whose = 0.0, ""
     for one in estimates:
         scan = heard.scan(one.step)
         count += len(scan) > 0
         own = np.asarray(scan.anchor)
-        loud = np.nan_to_num(np.asarray(scan.amplitude)) > LOUD * model.radio.threshold
+        loud = np.nan_to_num(np.asarray(scan.amplitude)) > loudest_clutter
         if not loud.any():
             continue
         of = np.array(places)[own]
@@ -65,8 +76,7 @@ def early_arrivals(
     return EarlyArrivals(steps, count, worst, whose) if steps >= LEAST_STEPS else None
 
 
-def _deviations(scan: object, model: FilterModel) -> Array:
-    """Standard deviations of the rows' distances, m."""
-    given = getattr(scan, "distance_std_m", None)
-    usual = model.radio.distance_std(np.asarray(scan.amplitude))  # type: ignore[attr-defined]
+def _deviations(scan: Scan, model: FilterModel) -> Array:
+    """Standard deviations of the rows' distances (M,), m: their own, else the radio's."""
+    given, usual = scan.distance_std_m, model.radio.distance_std(np.asarray(scan.amplitude))
     return usual if given is None else np.where(np.isfinite(given), given, usual)

@@ -43,3 +43,11 @@ def test_who_knows_badly_where_it_is_or_how_loud_paths_are_is_not_accused(heard)
     assert early_arrivals(went((2.0, 0.0), std_m=1.0), heard, MODEL) is None
     mute = replace(heard, amplitude=np.full(len(heard.distance_m), np.nan))
     assert early_arrivals(went((2.0, 0.0)), mute, MODEL) is None
+
+
+@pytest.mark.parametrize(("amplitude", "told"), [(4.9, False), (5.1, True)])
+def test_a_path_is_louder_than_clutter_from_an_amplitude_of_five_on(heard, amplitude, told):
+    """By hand: sqrt(21 + 2^2) = 5, at the usual threshold of 2."""
+    assert MODEL.radio.threshold == pytest.approx(2, abs=0.01)
+    alike = replace(heard, amplitude=np.full(len(heard.distance_m), amplitude))
+    assert (early_arrivals(went((2.0, 0.0)), alike, MODEL) is not None) == told
