@@ -79,7 +79,8 @@ def merge(
     """Merge duplicates into the older surface by the joint belief that both are one line.
 
     Two lines are one when they agree, within their joint covariance plus a centimetre, in angle and in
-    offset at the place where the younger was hit.
+    offset at the place where the younger was hit. What that says of all else counts as far as both exist:
+    docs/model.md, (M513).
 
     Parameters
     ----------
@@ -98,7 +99,8 @@ def merge(
         jacobian = np.zeros((2, len(belief.mean)))
         line = belief.layout.line
         jacobian[:, line(older)], jacobian[:, line(younger)] = tie[:, :2], tie[:, 2:4]
-        belief = update(belief, jacobian, tie[None, :, 4], np.array([[1e-4, 1e-6]]), np.ones(1))
+        both_exist = bank.existence[[older]] * bank.existence[[younger]]
+        belief = update(belief, jacobian, tie[None, :, 4], np.array([[1e-4, 1e-6]]), both_exist)  # (M513)
         rest = np.arange(len(bank)) != younger
         bank, belief = _united(bank, older, younger).take(rest), keep(belief, rest)
         either = two[older] | two[younger]

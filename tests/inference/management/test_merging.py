@@ -1,4 +1,5 @@
-"""Lines that agree are merged, unless what was measured, or that one walks, shows that they are two."""
+"""Lines that agree are merged, unless what was measured, or that one walks, shows that they are two;
+what that says of the agent counts as far as both exist."""
 
 from dataclasses import replace
 
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 
-from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.merging import merge, merge_and_prune
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import Rays
@@ -62,3 +63,22 @@ def test_a_line_that_walks_onto_another_that_was_seen_often_is_not_it(seen, walk
 def test_single_bounces_from_two_anchors_in_one_exchange_may_be_of_one_surface():
     assert merged([(0, 1, 0, 0), (1, 1, 1, 1)], [FIRST, SECOND], anchors=(-1,)) == [0]
     assert merged([(1, 1, 0, 0), (1, 1, 1, 1)], [FIRST, SECOND], anchors=(-1,)) == [0, 1]
+
+
+@pytest.mark.parametrize("existence", [1.0, 0.5, 0.1])
+def test_a_merger_moves_the_agent_as_far_as_both_surfaces_exist(existence):
+    """By hand: the agent's y and the birth's offset have variance 0.01 each and are the same error; the birth
+    lies 5 cm beyond a wall of variance 0.0001. If both exist, the tie takes 5 cm * 0.01 / 0.0102 off y, and
+    of its variance 0.01^2 / 0.0102 (the tie's own noise is 1 cm, the wall's 1 cm)."""
+    covariance = 1e-4 * np.eye(9)
+    covariance[np.ix_([1, 8], [1, 8])] = 0.01
+    covariance[8, 8] += 1e-9
+    mean = np.concatenate([np.zeros(5), WALL, [WALL[0], WALL[1] + 0.05]])
+    state = state_of(Belief(mean, covariance), 2, 1.0)
+    bank = replace(state.surfaces, existence=np.array([1.0, existence]))
+    after, belief = merge(bank, state.belief)
+    step = -0.05 * 0.01 / 0.0102
+    assert after.identity.tolist() == [0]
+    assert belief.mean[1] == pytest.approx(existence * step, rel=1e-3)
+    spread = existence * (1.0 - existence) * step**2
+    assert belief.covariance[1, 1] == pytest.approx(0.01 - existence * 1e-4 / 0.0102 + spread, rel=1e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from gridslam.arrays import replace
 from gridslam.inference.health.reasons import left_out
 from gridslam.inference.management.ghosts import drop_ghosts
-from gridslam.inference.management.merging import MOST_SURFACES, dropped, merge, prune
+from gridslam.inference.management.merging import MOST_SURFACES, dropped, known_apart, merge, prune
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.network.state import NetworkState
@@ -32,7 +33,8 @@ def merge_and_prune_shared(
         How many surfaces are kept at most.
     """
     one = model.agents[0]
-    bank, belief = merge(state.surfaces, state.belief)
+    exchanges = [exchange for info in infos if info is not None for exchange in info.exchanges]
+    bank, belief = merge(state.surfaces, state.belief, partial(known_apart, state.surfaces, exchanges))
     if one.max_bounces > 1:
         bank, belief = drop_ghosts(bank, belief, np.tile(one.anchor_positions, (len(model.agents), 1)))
     before = bank
