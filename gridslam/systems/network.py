@@ -33,6 +33,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.surface_walk import learn_shared_walks
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor, whole_scan
 from gridslam.inference.state.network.state import NetworkState
@@ -71,8 +72,10 @@ def step(
     state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = look_afresh(state, scan.scans, model, work)  # (M492)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
+    recalled = state
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state = learn_walk(predicted, state, model)  # (M331)
+    state = learn_shared_walks(recalled, state)  # (M361)
     state, merging = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(merging)
 

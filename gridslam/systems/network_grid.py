@@ -26,6 +26,7 @@ from gridslam.inference.messages.network.double_births import without_double_bou
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.surface_walk import learn_shared_walks
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.network.state import NetworkState
@@ -60,6 +61,7 @@ def step(
     state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = look_afresh(state, scan.scans, model, work)  # (M492)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
+    recalled = state
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     used = [
         own.calibrated(one, info.turned) if info is not None and teaches else None
@@ -67,6 +69,7 @@ def step(
     ]
     state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
     state = learn_walk(predicted, state, model)  # (M331)
+    state = learn_shared_walks(recalled, state)  # (M361)
     state, merging = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(merging)
 

@@ -48,11 +48,6 @@ def anchor_scans_of(case, step):
     return anchor_scans(scan, world.filter_model(case.agent).places, threshold)
 
 
-def flat_walls(predicted, state):
-    """In place of `learn_surface_walks`: all walls are taken for flat, as in a network."""
-    return state
-
-
 class Plot:
     """A grid alone, whose cells are told of paths by messages."""
 

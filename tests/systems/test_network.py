@@ -6,7 +6,6 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from filter_states import flat_walls
 
 import gridslam as gs
 from gridslam.errors import InputError
@@ -45,8 +44,7 @@ def run(exchange, simulated):
     return map_network(exchange, simulated[0], seed=4)
 
 
-def test_one_agent_with_labels_and_known_clocks_is_adaptive_slam_bit_for_bit(monkeypatch):
-    monkeypatch.setattr("gridslam.systems.adaptive.learn_surface_walks", flat_walls)
+def test_one_agent_with_labels_and_known_clocks_is_adaptive_slam_bit_for_bit():
     room = gs.Scene.checked(small("room", 12), "test")
     network, adaptive = NetworkSlam(room, seed=2), AdaptiveSlam(room, seed=2)
     adaptive.branches = False  # one hypothesis, as in a network

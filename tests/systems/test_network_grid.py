@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_states import flat_walls
 
 import gridslam as gs
 from gridslam.inference.messages.network.cells import update_shared_cells
@@ -24,8 +23,7 @@ def short(steps=8, **more):
 
 
 @pytest.mark.slow
-def test_one_agent_with_labels_and_known_clocks_is_grid_slam_bit_for_bit(monkeypatch):
-    monkeypatch.setattr("gridslam.systems.grid.learn_surface_walks", flat_walls)
+def test_one_agent_with_labels_and_known_clocks_is_grid_slam_bit_for_bit():
     room = short(4)
     network, grid = NetworkGridSlam(room, seed=2), GridSlam(room, seed=2)
     grid.branches = False

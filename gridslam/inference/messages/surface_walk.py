@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.belief import line_entries
+from gridslam.inference.state.belief import Belief, line_entries
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.geometry import wrap
 
 GAIN = 0.1
@@ -40,30 +42,43 @@ def learn_surface_walks(predicted: State, state: State) -> State:
     ValueError
         They aren't.
     """
-    bank, count = state.surfaces, len(predicted.surfaces)
-    same = bank.identity is predicted.surfaces.identity
-    if not same and not np.array_equal(bank.identity[:count], predicted.surfaces.identity):
-        raise ValueError("the state after a step doesn't begin with the surfaces before it")
-    if not count or state.samples is not None:  # particles walk as published
+    if state.samples is not None:  # particles walk as published
         return state
-    foot = predicted.surfaces.foot
-    before, after = _at_foot(predicted, foot), _at_foot(state, foot)
-    change = state.belief.lines[:count] - predicted.belief.lines
+    bank = with_walks(predicted.surfaces, predicted.belief, state.surfaces, state.belief)
+    return replace(state, surfaces=bank)
+
+
+def learn_shared_walks(predicted: NetworkState, state: NetworkState) -> NetworkState:
+    """The same of surfaces that several agents share, by what all of them have heard at a step."""
+    bank = with_walks(predicted.surfaces, predicted.belief, state.surfaces, state.belief)
+    return replace(state, surfaces=bank)
+
+
+def with_walks(before: SurfaceBank, predicted: Belief, bank: SurfaceBank, belief: Belief) -> SurfaceBank:
+    """Surfaces after a step with their walks, by the beliefs before and after it; see `learn_surface_walks`."""
+    count = len(before)
+    same = bank.identity is before.identity
+    if not same and not np.array_equal(bank.identity[:count], before.identity):
+        raise ValueError("the state after a step doesn't begin with the surfaces before it")
+    if not count:
+        return bank
+    foot = before.foot
+    change = belief.lines[:count] - predicted.lines
     moved = np.empty((count, 2))
     moved[:, 1] = turned = wrap(change[:, 0])
     moved[:, 0] = change[:, 1] - foot * turned
-    gained = before - after
-    informed = gained > LEAST_GAIN * before
+    earlier = _at_foot(predicted, foot)
+    gained = earlier - _at_foot(belief, foot)
+    informed = gained > LEAST_GAIN * earlier
     surprise = moved**2 / np.where(informed, gained, np.inf) - 1 - DOUBT
     learned = bank.walk.copy()
     learned[:count] += GAIN * informed * np.minimum(surprise, MOST_SURPRISED)
-    learned = np.minimum(np.maximum(learned, LEAST), MOST)
-    return replace(state, surfaces=replace(bank, walk=learned))
+    return replace(bank, walk=np.minimum(np.maximum(learned, LEAST), MOST))
 
 
-def _at_foot(state: State, foot: Array) -> Array:
+def _at_foot(belief: Belief, foot: Array) -> Array:
     """Variances of shift and turn of the first lines about the places where they were hit, (S, 2)."""
-    turn, _, cross, offset = (entries[: len(foot)] for entries in line_entries(state.belief))
+    turn, _, cross, offset = (entries[: len(foot)] for entries in line_entries(belief))
     spread = np.empty((len(foot), 2))
     spread[:, 0], spread[:, 1] = offset - 2 * foot * cross + foot**2 * turn, turn
     return spread

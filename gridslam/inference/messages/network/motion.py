@@ -37,7 +37,8 @@ def predict_all(
         settings, dt = model.agents[0].settings, time_s - state.time_s
         belief = predict_network(
             belief, dt, model.agents, model.clocks, here & state.here, JITTER * settings.surface_m,
-            surfaces.foot, None if state.walks is None else walk_covariance(state, model),
+            surfaces.foot, np.exp(np.maximum(surfaces.walk, 0.0)),
+            None if state.walks is None else walk_covariance(state, model),
         )  # fmt: skip
         surfaces = surface_bank.evolve(
             surfaces, settings.survival, settings.reflection, best_chances(state, scans, model)

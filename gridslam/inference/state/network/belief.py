@@ -279,7 +279,7 @@ def _taken_over(layout: NetworkLayout, agent: int, new: int) -> tuple[NDArray[np
 
 def predict_network(
     belief: NetworkBelief, dt: float, models: tuple[FilterModel, ...], clocks: ClockModel,
-    moved: NDArray[np.bool_], shift: float, feet: Array, walk: Array | None = None,
+    moved: NDArray[np.bool_], shift: float, feet: Array, wider: Array, walk: Array | None = None,
 ) -> NetworkBelief:  # fmt: skip
     """Agents that are there move with near-constant velocity, headings and clocks walk, lines jitter.
 
@@ -294,6 +294,8 @@ def predict_network(
         Jitter of a surface along its normal at the point where it is hit.
     feet : (S,) m
         Where along each line it is hit.
+    wider : (S, 2)
+        How many times as far each surface shifts, and turns.
     walk : (D, D) m^2, optional
         By how much all clocks walk in a second; default: as `clocks` tells, each by itself.
     """
@@ -322,12 +324,13 @@ def predict_network(
     elif layout.clocks:
         covariance[np.ix_(layout.devices, layout.devices)] += walk * dt
     angle, offset = np.arange(layout.size)[layout.angles], np.arange(layout.size)[layout.offsets]
-    turn = (shift / 5.0) ** 2  # a turn by w about tangential coordinate t changes the offset by t w
+    # a turn by w about tangential coordinate t changes the offset by t w
+    slid, turn = (shift * wider[:, 0]) ** 2, (shift / 5.0 * wider[:, 1]) ** 2
     lever = turn * feet
     covariance[angle, angle] += turn
     covariance[angle, offset] += lever
     covariance[offset, angle] += lever
-    covariance[offset, offset] += lever * feet + shift**2
+    covariance[offset, offset] += lever * feet + slid
     return replace(belief, mean=mean, covariance=covariance)
 
 
