@@ -3,6 +3,7 @@ that finds duplicates."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -19,10 +20,14 @@ from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT
-from gridslam.world.filter_model import FilterModel, detected
+from gridslam.world.filter_model import FilterModel, detected, fixed
 from gridslam.world.scene_parts import FilterSettings
 
 MOST_SURFACES = 24
+TIE = fixed(np.array([1e-4, 1e-6]))
+"""Variances of gap (m^2) and turn (rad^2) between two lines that are one."""
+BY_CHANCE = 0.1
+"""Lines that would lie where another does if one of the two didn't exist, per m and rad."""
 CONFIRMED = ((60, 8), (25, 6), (5, 2))
 """Ages from which on a surface must have been seen so often."""
 
@@ -99,8 +104,8 @@ def merge(
         jacobian = np.zeros((2, len(belief.mean)))
         line = belief.layout.line
         jacobian[:, line(older)], jacobian[:, line(younger)] = tie[:, :2], tie[:, 2:4]
-        both_exist = bank.existence[[older]] * bank.existence[[younger]]
-        belief = update(belief, jacobian, tie[None, :, 4], np.array([[1e-4, 1e-6]]), both_exist)  # (M513)
+        both = both_exist(float(bank.existence[older] * bank.existence[younger]), belief, jacobian, tie[:, 4])
+        belief = update(belief, jacobian, tie[None, :, 4], TIE[None], np.array([both]))  # (M513)
         rest = np.arange(len(bank)) != younger
         bank, belief = _united(bank, older, younger).take(rest), keep(belief, rest)
         either = two[older] | two[younger]
@@ -109,6 +114,14 @@ def merge(
         two = np.ascontiguousarray(two[rest][:, rest])
         older, younger, tie = _alike(bank, belief, two)
     return bank, belief
+
+
+def both_exist(apart: float, belief: Belief, jacobian: Array, residual: Array) -> float:
+    """Probability that two surfaces exist whose lines agree as they do, from that without looking, (M513)."""
+    spread = jacobian @ belief.covariance @ jacobian.T + np.diag(TIE)
+    square = float(residual @ np.linalg.solve(spread, residual))
+    likely = math.exp(-0.5 * square) / (2 * math.pi * math.sqrt(np.linalg.det(spread)))
+    return apart * likely / (apart * likely + (1 - apart) * BY_CHANCE)
 
 
 def _alike(bank: SurfaceBank, belief: Belief, two: NDArray[np.bool_]) -> tuple[int, int, Array]:

@@ -55,7 +55,7 @@ def learn_shared_walks(predicted: NetworkState, state: NetworkState) -> NetworkS
 
 
 def with_walks(before: SurfaceBank, predicted: Belief, bank: SurfaceBank, belief: Belief) -> SurfaceBank:
-    """Surfaces after a step with their walks, by the beliefs before and after it; see `learn_surface_walks`."""
+    """Surfaces after a step with their walks, by the beliefs before and after; see `learn_surface_walks`."""
     count = len(before)
     same = bank.identity is before.identity
     if not same and not np.array_equal(bank.identity[:count], before.identity):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 
-from gridslam.inference.management.merging import merge, merge_and_prune
+from gridslam.inference.management.merging import both_exist, merge, merge_and_prune
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import Rays
@@ -65,20 +65,32 @@ def test_single_bounces_from_two_anchors_in_one_exchange_may_be_of_one_surface()
     assert merged([(1, 1, 0, 0), (1, 1, 1, 1)], [FIRST, SECOND], anchors=(-1,)) == [0, 1]
 
 
-@pytest.mark.parametrize("existence", [1.0, 0.5, 0.1])
-def test_a_merger_moves_the_agent_as_far_as_both_surfaces_exist(existence):
+@pytest.mark.parametrize(("existence", "both"), [(1.0, 1.0), (0.5, 0.965), (0.1, 0.756), (0.02, 0.363)])
+def test_a_merger_moves_the_agent_as_far_as_both_surfaces_exist(existence, both):
     """By hand: the agent's y and the birth's offset have variance 0.01 each and are the same error; the birth
     lies 5 cm beyond a wall of variance 0.0001. If both exist, the tie takes 5 cm * 0.01 / 0.0102 off y, and
-    of its variance 0.01^2 / 0.0102 (the tie's own noise is 1 cm, the wall's 1 cm)."""
+    of its variance 0.01^2 / 0.0102 (the tie's own noise is 1 cm, the wall's 1 cm). Turns are known to 0.5
+    rad, so that lines that are one are that near with density exp(-0.05^2 / 0.0204) / (2 pi sqrt(0.0102 *
+    0.2501)) = 2.79 per m and rad; others with 0.1."""
     covariance = 1e-4 * np.eye(9)
     covariance[np.ix_([1, 8], [1, 8])] = 0.01
     covariance[8, 8] += 1e-9
+    covariance[7, 7] = 0.25
     mean = np.concatenate([np.zeros(5), WALL, [WALL[0], WALL[1] + 0.05]])
     state = state_of(Belief(mean, covariance), 2, 1.0)
     bank = replace(state.surfaces, existence=np.array([1.0, existence]))
     after, belief = merge(bank, state.belief)
     step = -0.05 * 0.01 / 0.0102
     assert after.identity.tolist() == [0]
-    assert belief.mean[1] == pytest.approx(existence * step, rel=1e-3)
-    spread = existence * (1.0 - existence) * step**2
-    assert belief.covariance[1, 1] == pytest.approx(0.01 - existence * 1e-4 / 0.0102 + spread, rel=1e-3)
+    assert belief.mean[1] == pytest.approx(both * step, rel=5e-3)
+    spread = both * (1.0 - both) * step**2
+    assert belief.covariance[1, 1] == pytest.approx(0.01 - both * 1e-4 / 0.0102 + spread, rel=1e-2)
+
+
+def test_a_birth_of_one_per_cent_that_agrees_vaguely_moves_nothing_to_speak_of():
+    """Two walls of 1 m and 0.5 rad are near each other by chance as well."""
+    belief = Belief(np.zeros(9), np.diag([1e-4] * 6 + [1.0, 0.25, 1.0]))
+    jacobian = np.zeros((2, 9))
+    jacobian[0, [6, 8]], jacobian[1, [5, 7]] = (1.0, -1.0), (1.0, -1.0)
+    assert both_exist(0.01, belief, jacobian, np.zeros(2)) < 0.03
+    assert both_exist(0.01, replace(belief, covariance=1e-6 * np.eye(9)), jacobian, np.zeros(2)) > 0.95

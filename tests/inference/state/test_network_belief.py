@@ -97,7 +97,9 @@ def test_scalar_clock_is_a_kalman_filter_of_a_walk():
     slopes = np.zeros((1, 6))
     slopes[0, 5] = 1.0
     for _ in range(6):
-        belief = predict_network(belief, dt, model.agents, clocks, np.zeros(1, bool), 0.0, np.zeros(0), np.ones((0, 2)))
+        belief = predict_network(
+            belief, dt, model.agents, clocks, np.zeros(1, bool), 0.0, np.zeros(0), np.ones((0, 2))
+        )
         variance += 0.25 * dt
         seen = update(belief.view(0), slopes, np.zeros((1, 1)), np.full((1, 1), noise), np.ones(1))
         belief = belief.updated(0, seen)
@@ -111,7 +113,9 @@ def test_clocks_with_rates_move_by_them():
     belief, dt = NetworkBelief.start(model.agents, clocks), 3.0
     clock, rate = belief.layout.devices[0], belief.layout.clock_rates.start
     belief.mean[rate] = 0.5
-    after = predict_network(belief, dt, model.agents, clocks, np.ones(1, bool), 0.0, np.zeros(0), np.ones((0, 2)))
+    after = predict_network(
+        belief, dt, model.agents, clocks, np.ones(1, bool), 0.0, np.zeros(0), np.ones((0, 2))
+    )
     assert after.mean[clock] == pytest.approx(1.5)
     own = np.ix_([clock, rate], [clock, rate])
     forward = np.array([[1, dt], [0, 1]])
