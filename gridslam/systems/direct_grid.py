@@ -134,7 +134,7 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         believed = self.population
         if scan.heard.any():
             departs = any(len(element) > 1 for element in self.waveform.anchor_element_m)
-            believed = turn_followed(believed, departs, self.model)
+            believed = turn_followed(believed, departs or self.model.senders > 1, self.model)
         return advance(believed, scan, self.model, self.work, self.advance)
 
     def map(self) -> Map:

@@ -14,10 +14,11 @@ from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.inference.management.features.left_features import left_features
 from gridslam.inference.management.features.surface_features import mirror_surfaces
-from gridslam.inference.management.free_turn import all_with_turn, turn_followed, with_turn
+from gridslam.inference.management.free_turn import all_with_turn, with_turn
 from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
+from gridslam.inference.management.sole_sight import as_far_as_told
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.level_coefficients import level_means, with_levels
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
@@ -194,7 +195,7 @@ class SurfaceFilter(SurfaceFront[Scan]):
     def _advanced(self, scan: Scan) -> tuple[Population[State], StepInfo]:
         believed = self.population
         if len(scan):
-            believed = turn_followed(believed, bool(np.isfinite(scan.aod_rad).any()), self.model)
+            believed, scan = as_far_as_told(believed, scan, self.model, self.work)  # (M514)
         if self._branches(self.state):
             return advance(believed, scan, self.model, self.work, self.start, self.advance)
         state, info = self.advance(believed.best, scan, self.model, self.work)

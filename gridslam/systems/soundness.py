@@ -130,6 +130,7 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
         ("calibration/listened", _within(calibration.listened, 0, np.inf), "0 or more"),
         ("los", _within(state.los, 0, 1), "probabilities"),
         ("turn_variance", _within(np.array(state.turn_variance or 0.0), 0, np.inf), "0 or more, or none"),
+        ("turn_anchor", 0 <= state.turn_anchor < model.senders, "the number of an anchor"),
         *_claims_of_parts(state, model),
     ]  # fmt: skip
     require_claims(claims, where)

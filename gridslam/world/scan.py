@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,11 @@ class Scan:
 
     def __len__(self) -> int:
         return len(self.anchor)
+
+    def only(self, rows: NDArray[np.bool_]) -> Scan:
+        """The scan with some of its rows (M,)."""
+        columns = {name: getattr(self, name) for name in ("anchor", *VALUES, *OPTIONAL)}
+        return replace(self, **{name: None if own is None else own[rows] for name, own in columns.items()})
 
     def content(self) -> Iterator[NDArray[Any] | None]:
         """All columns in a fixed order, None where there is none; of elevations those there are, numbered."""

@@ -1,5 +1,5 @@
-"""The turn of agent and map about the only anchor, which nothing tells without departures; docs/model.md,
-(M493), (M494).
+"""The turn of agent and map about the only anchor, or the only one in sight, which nothing tells without
+departures; docs/model.md, (M493), (M494).
 
 Distances and arrivals stay the same when all turns together. A filter that linearises at estimates that
 move takes what they moved by for knowledge of the turn: it drifts, and is sure of it. So the turn is held
@@ -26,41 +26,46 @@ ANY = np.pi**2 / 3
 """That of a turn that may be any."""
 
 
-def turn_followed(population: Population[State], told: bool, model: FilterModel) -> Population[State]:
+def turn_followed(
+    population: Population[State], told: bool, model: FilterModel, anchor: int = 0
+) -> Population[State]:
     """The population before a scan, with the turn held out of each state, or put back.
 
     Parameters
     ----------
     told : bool
-        Whether the scan tells it: it holds departures.
+        Whether the scan tells it: it holds departures, or another anchor's line of sight.
+    anchor : int
+        About which all may turn, where it isn't held out yet.
     """
-    if model.senders > 1 or population.searching or population.best.samples is not None:
+    if population.searching or population.best.samples is not None:
         return population
     if told and all(state.turn_variance is None for state in population.states):
         return population
     states = [
-        replace(with_turn(state, model), turn_variance=None) if told else without_turn(state, model)
+        replace(with_turn(state, model), turn_variance=None) if told else without_turn(state, model, anchor)
         for state in population.states
     ]
     return changed(population, states=tuple(states))
 
 
-def without_turn(state: State, model: FilterModel) -> State:
-    """The state with what it believes about the turn held out of its belief, (M493)."""
+def without_turn(state: State, model: FilterModel, anchor: int = 0) -> State:
+    """The state with what it believes about the turn about an anchor held out of its belief, (M493)."""
     if state.turn_variance is not None:
         return state
     belief = state.belief
-    way = direction(belief, model.places[0, :2])
+    way = direction(belief, model.places[anchor, :2])
     known = float(way @ solved(belief.covariance, way[:, None])[:, 0])
     held = max(1 / known - LEFT, 0.0)
-    return replace(_wider(state, way, -held), turn_variance=held)
+    return replace(_wider(state, way, -held), turn_variance=held, turn_anchor=anchor)
 
 
 def with_turn(state: State, model: FilterModel) -> State:
     """The state with the turn in its belief, (M494): as sure as anybody may be of where things are."""
     if not state.turn_variance:
         return state
-    return _wider(state, direction(state.belief, model.places[0, :2]), state.turn_variance)
+    place = model.places[state.turn_anchor, :2]
+    return _wider(state, direction(state.belief, place), state.turn_variance)
 
 
 def all_with_turn(population: Population[State], model: FilterModel) -> Population[State]:

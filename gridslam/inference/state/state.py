@@ -77,7 +77,10 @@ class State:
     unexplained : Unexplained, optional
         Measurements of the run that no surface explains (grid and adaptive SLAM).
     turn_variance : float, optional
-        Of the turn of all about the only anchor (rad^2), held out of the belief while nothing tells it.
+        Of the turn of all about the only anchor, or the only one in sight (rad^2), held out of the belief
+        while nothing tells it.
+    turn_anchor : int
+        About which.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -102,6 +105,7 @@ class State:
     levels: Array | None = field(default=None, metadata={"later": True})
     unexplained: Unexplained | None = field(default=None, metadata={"later": True})
     turn_variance: float | None = field(default=None, metadata={"later": True})
+    turn_anchor: int = field(default=0, metadata={"later": True})
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:
