@@ -81,9 +81,10 @@ def study(
     """Run many seeds, methods and settings; write tables and figures. Started again, it goes on."""
     from gridslam.drawing.map_figure import FORMATS
     from gridslam.studies.batches import batches
-    from gridslam.studies.plots import WHOLE_IN, draw_study
+    from gridslam.studies.plots import WHOLE_IN
+    from gridslam.studies.results import write_results
     from gridslam.studies.study import Study
-    from gridslam.studies.tables import summary_rows, write_tables
+    from gridslam.studies.tables import summary_rows
     from gridslam.world.scene import Scene
 
     where = place.open()
@@ -100,12 +101,14 @@ def study(
     outcome = _run(plan, output, where, overwrite)
     found = batches(outcome)
     if found:
-        write_tables(output, found)
         width = WHOLE_IN if figures.width is None else figures.width / 2.54
-        draw_study(output, found, figures.form, width)
+        write_results(output, found, figures.form, width)
         _table(summary_rows(found))
     done = sum(record is not None for record in outcome.records)
     line = f"{output}: {done} of {counted(len(outcome.records), 'run')}, {outcome.fresh} of them new"
+    every = len(outcome.finished)
+    if every > done:  # of earlier commands, with other methods or more seeds
+        line += f"; with those that were there before, tables and figures are of {every}"
     out.print(line, highlight=False, markup=False, soft_wrap=True)
     (output / "failures.log").unlink(missing_ok=True)
     if outcome.failures:

@@ -182,6 +182,8 @@ class Batch:
 def batches(outcome: Outcome) -> list[Batch]:
     """Sort the finished runs of a study by variant, agent and method; those without a run are left out.
 
+    Runs that earlier commands left in the study's folder are among them, as `Outcome.finished` has them.
+
     Raises
     ------
     InputError
@@ -189,11 +191,10 @@ def batches(outcome: Outcome) -> list[Batch]:
     """
     sorted_: dict[tuple[Variant, str, str], list[dict[str, Any]]] = {}
     agents: dict[Variant, tuple[str, ...]] = {}
-    for job, record in zip(outcome.study.jobs(), outcome.records, strict=True):
-        if record is not None:
-            agents[job.variant] = job.agents
-            for agent in job.agents:
-                sorted_.setdefault((job.variant, agent, job.method), []).append(record)
+    for job, record in outcome.finished:
+        agents[job.variant] = job.agents
+        for agent in job.agents:
+            sorted_.setdefault((job.variant, agent, job.method), []).append(record)
     marks: dict[tuple[Variant, Kind, bool], dict[str, Benchmark]] = {}
     found = []
     for (variant, agent, method), records in sorted_.items():

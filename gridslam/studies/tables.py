@@ -129,14 +129,19 @@ def write_tables(directory: Path, found: Sequence[Batch]) -> list[Path]:
         ("steps", step_rows(found)),
         ("summary", summary_rows(found)),
     ):
-        columns = list(dict.fromkeys(column for row in rows for column in row))
-        text = io.StringIO()
-        table = csv.DictWriter(text, columns, lineterminator="\n")
-        table.writeheader()
-        table.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
         written.append(directory / f"{name}.csv")
-        write_bytes(written[-1], text.getvalue().encode())
+        write_bytes(written[-1], content(rows))
     return written
+
+
+def content(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """A table's file."""
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, lineterminator="\n")
+    table.writeheader()
+    table.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+    return text.getvalue().encode()
 
 
 def _who(batch: Batch) -> dict[str, Any]:
