@@ -18,6 +18,7 @@ from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.map_scene import believed_track, check_anchors
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
+from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network_front import NetworkFront
@@ -166,7 +167,7 @@ def map_network(
     Returns
     -------
     NetworkRun
-        Ends early, and says so, if it is interrupted.
+        Ends early, and says so, if it is interrupted; as `gridslam.map_scene` does.
 
     Raises
     ------
@@ -197,30 +198,34 @@ def map_network(
 
     slam, before = begun(system, checkpoint, start)
     done = run_steps(slam.step, slam, measurements, before, progress, watch, checkpoint)
-    estimates = done.estimates
-    final_map, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
-    for name in names:
-        own = [one for one in (all_of.agents[name] for all_of in estimates) if one is not None]
-        if not own:
-            continue
-        runs[name] = Run(
-            scene=scene,
-            agent=name,
-            method=method,
-            seed=seed,
-            device=device,
-            estimates=own,
-            trajectory=believed_track(own, scene.agent(name).height_m),
-            covariance=np.array([one.covariance for one in own]),
-            surfaces=own[-1].surfaces.take(own[-1].detected),
-            map=final_map,
-            seconds_per_step=done.seconds_per_step,
-            peak_memory_mb=done.peak_memory_mb,
-            began=began[name],
-            interrupted=interrupted,
-        )
-    clocks = ClockTrack.of(estimates, len(scene.anchors))
-    return NetworkRun(runs, clocks, _labels(measurements, estimates), interrupted)
+    with held_back() as asked:
+        estimates = done.estimates
+        final_map, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
+        for name in names:
+            own = [one for one in (all_of.agents[name] for all_of in estimates) if one is not None]
+            if not own:
+                continue
+            runs[name] = Run(
+                scene=scene,
+                agent=name,
+                method=method,
+                seed=seed,
+                device=device,
+                estimates=own,
+                trajectory=believed_track(own, scene.agent(name).height_m),
+                covariance=np.array([one.covariance for one in own]),
+                surfaces=own[-1].surfaces.take(own[-1].detected),
+                map=final_map,
+                seconds_per_step=done.seconds_per_step,
+                peak_memory_mb=done.peak_memory_mb,
+                began=began[name],
+                interrupted=interrupted,
+            )
+        clocks = ClockTrack.of(estimates, len(scene.anchors))
+        whole = NetworkRun(runs, clocks, _labels(measurements, estimates), interrupted)
+    if asked.is_set():
+        raise StoppedLate(whole)
+    return whole
 
 
 def _labels(measurements: NetworkMeasurements, estimates: Sequence[NetworkEstimate]) -> NDArray[np.intp]:
