@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -98,6 +98,24 @@ def recorded(
     with located(file):
         check_anchors(world, measurements)
     return with_truth(measurements, track, where)
+
+
+def refuse_without_distances(method: str, heard: Mapping[Path, Observations]) -> None:
+    """Refuse tables in which no row has a distance; methods of one's own may do without.
+
+    Raises
+    ------
+    InputError
+        One of them is such a table.
+    """
+    from gridslam.errors import located
+    from gridslam.measurements.table import Measurements
+    from gridslam.world.columns import require_distances
+
+    for file, own in heard.items():
+        if isinstance(own, Measurements) and method in METHODS:
+            with located(file):
+                require_distances(own.columns)
 
 
 def own_rows(file: Path, anchors: Sequence[str], agent: str, with_offsets: bool) -> Measurements | None:

@@ -17,6 +17,7 @@ from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     hints,
     recorded,
+    refuse_without_distances,
     require_map_used,
     simulated_note,
     source,
@@ -89,6 +90,7 @@ def _run_in_turn(asked: Asked) -> None:
             name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name]) for name in names
         }
         known = {name: own for name, own in every.items() if own is not None}
+        refuse_without_distances(method, {by_name[name]: own for name, own in known.items()})
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (
             fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)

@@ -15,12 +15,14 @@ from gridslam.maps.frames import SAME_PLACE_M, fitted, stamped
 from gridslam.maps.map import Map
 from gridslam.measurements.observations import Observations, require_kind
 from gridslam.measurements.recording import Recording
+from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
-from gridslam.systems.registry import DEFAULT, method_class, method_name, suited, taken_by
+from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, suited, taken_by
 from gridslam.systems.slam import Slam, built, mapped, stepped
+from gridslam.world.columns import require_distances
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
@@ -88,7 +90,7 @@ def map_scene(
     InputError
         No scene, unknown method or agent, a class that is no method, a step that returns no estimate, a
         number of particles out of range, a map of another frame, measurements of anchors that aren't the
-        scene's, or of the kind that the method doesn't take.
+        scene's, or of the kind that the method doesn't take, or (for methods of ours) without distances.
     """
     require_scene(scene)
     waveform = measurements.waveform if isinstance(measurements, Recording) else None
@@ -100,6 +102,8 @@ def map_scene(
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     require_kind(measurements, taken_by(found), method_name(method))
     check_anchors(scene, measurements)
+    if isinstance(measurements, Measurements) and method_name(method) in METHODS:  # others may do without
+        require_distances(measurements.columns)
     if prior_map is not None:
         prior_map, _ = fitted(prior_map, scene, same_frame=same_frame)
     simulated = measurements.simulated is not None

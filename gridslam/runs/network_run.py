@@ -24,6 +24,7 @@ from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
+from gridslam.world.columns import require_distances
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
 
@@ -241,7 +242,7 @@ def _labels(measurements: NetworkMeasurements, estimates: Sequence[NetworkEstima
 
 
 def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
-    """Refuse measurements of other agents or anchors than the scene's, and distances that can't be.
+    """Refuse measurements of other agents or anchors than the scene's, no distances, and some that can't be.
 
     Raises
     ------
@@ -253,6 +254,7 @@ def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
         found = type(measurements).__name__
         raise InputError("measurements", found, "NetworkMeasurements of several agents (one: gs.map_scene)")
     check_names(scene, measurements)
+    require_distances(measurements.table.columns)
     negative = np.flatnonzero(measurements.table.distance_m <= 0)
     if scene.clocks is None and len(negative):
         found = f"{measurements.table.distance_m[negative[0]]:.6g}"
