@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from gridslam.cli.doubts import map_notes, truth_notes
-from gridslam.cli.observed import hints, simulated_note, source, view_of
+from gridslam.cli.observed import hints, noted, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
 from gridslam.cli.run_end import Done, finish, go_on_later, judged
@@ -51,7 +51,8 @@ def run_network(asked: Asked) -> None:
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
-        measurements, truth = _network_observations(asked)
+        with noted() as read:
+            measurements, truth = _network_observations(asked)
         prior = Map.load(asked.map_file) if asked.map_file else None
         note = None
         if prior is not None:
@@ -110,7 +111,7 @@ def run_network(asked: Asked) -> None:
                 end = Done(
                     runs, observed, scores, more,
                     f"{len(done.clocks.step)} of {len(measurements)} steps" if done.interrupted else "",
-                    clock_files(done.clocks, measurements.clocks), _lines(whole), said, told, lacks,
+                    clock_files(done.clocks, measurements.clocks), _lines(whole), said, [*read, *told], lacks,
                 )  # fmt: skip
             stopped = stopped or asked_late.is_set() or later.is_set()
             finish(folder, place, world, end, stopped, termination)

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from gridslam.errors import InputError
 from gridslam.systems.registry import METHODS, method_class, taken_by
@@ -98,6 +98,34 @@ def recorded(
     with located(file):
         check_anchors(world, measurements)
     return with_truth(measurements, track, where)
+
+
+@contextmanager
+def noted() -> Iterator[list[str]]:
+    """Collect the notes that are told of files meanwhile, each once; they are shown all the same."""
+    import warnings
+
+    from gridslam.errors import Note
+
+    said, shown = list[str](), warnings.showwarning
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if issubclass(category, Note) and str(message) not in said:
+            said.append(str(message))
+        shown(message, category, filename, lineno, file, line)
+
+    warnings.showwarning = show
+    try:
+        yield said
+    finally:
+        warnings.showwarning = shown
 
 
 def refuse_without_distances(method: str, heard: Mapping[Path, Observations]) -> None:

@@ -16,6 +16,7 @@ from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, radio_notes, s
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     hints,
+    noted,
     recorded,
     refuse_without_distances,
     require_map_used,
@@ -86,9 +87,11 @@ def _run_in_turn(asked: Asked) -> None:
     ):
         tracks = asked.tracks(names)
         whose = {name: name if asked.agent else None for name in names}
-        every = {
-            name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name]) for name in names
-        }
+        with noted() as read:
+            every = {
+                name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name])
+                for name in names
+            }
         known = {name: own for name, own in every.items() if own is not None}
         refuse_without_distances(method, {by_name[name]: own for name, own in known.items()})
         prior = Map.load(asked.map_file) if asked.map_file else None
@@ -132,7 +135,14 @@ def _run_in_turn(asked: Asked) -> None:
                     settings["start"] = "scene"
                 progress = _progress(runs, observations, names)
                 done = Done(
-                    runs, observations, scores, settings, progress, notes=said, before=before, lacks=lacks
+                    runs,
+                    observations,
+                    scores,
+                    settings,
+                    progress,
+                    notes=said,
+                    before=[*read, *before],
+                    lacks=lacks,
                 )
             finish(folder, place, world, done, stopped or late.is_set(), termination)
 
