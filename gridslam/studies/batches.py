@@ -131,6 +131,12 @@ class Batch:
         """How many runs were more than 0.5 m off at some step after step 10."""
         return sum(bool(record["agents"][self.agent]["scores"]["diverged"]) for record in self.records)
 
+    @property
+    def silent_steps(self) -> float:
+        """At how many steps, of all runs, it was wrong and didn't say so; NaN where a run wasn't counted."""
+        counts = [record["agents"][self.agent]["scores"].get("silent_steps") for record in self.records]
+        return float("nan") if None in counts else float(sum(counts))
+
     def mapped(self, values: Array) -> Array:
         """Scores of surfaces (..., N): as they are, or NaN of a method that maps none, or none at its steps.
 

@@ -102,6 +102,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "heading_to_known_map_bound": _level(heading) / _level(mark.known.heading_rad[late]),
                 "heading_to_unknown_map_bound": _level(heading) / _level(mark.unknown.heading_rad[late]),
                 "position_settled_nees": float(nees[late].mean()),
+                "silent_steps": batch.silent_steps,
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
                 "surface_ospa_m": batch.surface_ospa_m,
                 "image_ospa_m": float(batch.mapped(batch.mean("image_ospa_m"))[late].mean()),

@@ -2,14 +2,18 @@
 
 import base64
 import csv
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from made_up_runs import Here, made_up
 from tiny import TINY
 
+from gridslam.evaluation.consistency import silent_steps
 from gridslam.io.files import write_bytes
 from gridslam.studies import plots
 from gridslam.studies.batches import batches
+from gridslam.studies.jobs import run_job
 from gridslam.studies.results import write_results
 from gridslam.studies.study import Outcome, Study
 from gridslam.world.scene import Scene
@@ -107,3 +111,62 @@ def test_drawing_that_is_stopped_leaves_no_figure_of_other_runs(tmp_path, monkey
     with pytest.raises(KeyboardInterrupt):
         write_results(tmp_path, batches(Outcome(plan, records)))
     assert (old.exists(), mine.exists(), (tmp_path / "summary.csv").exists()) == (False, True, True)
+
+
+def test_steps_that_are_wrong_and_don_t_say_so_are_counted():
+    """Above four claimed deviations, and only while health is well."""
+    errors, claimed = np.array([0.1, 0.39, 0.41, 5.0, 5.0]), np.array([0.1, 0.1, 0.1, 0.1, 2.0])
+    steps = SimpleNamespace(position_error_m=errors, position_claimed_m=claimed)
+    estimates = [SimpleNamespace(health=SimpleNamespace(ok=ok)) for ok in (True, True, True, False, True)]
+    assert silent_steps(estimates, steps) == 1
+
+
+@pytest.mark.parametrize(
+    ("counts", "cell", "shown"), [((2, 5), "7.0", " 7 "), ((0, 0), "0.0", " 0 "), ((2, None), "", " - ")]
+)
+def test_silent_steps_stand_in_the_tables(study, tmp_path, monkeypatch, counts, cell, shown):
+    """Of a study that began before they were counted, the sum is left empty rather than too small."""
+
+    class Counted(Here):
+        def run(self, work, tasks):
+            for index, record in super().run(work, tasks):
+                count = counts[record["key"]["seed"]]
+                scores = record["agents"]["agent1"]["scores"]
+                record["agents"]["agent1"]["scores"] = scores | (
+                    {} if count is None else {"silent_steps": count}
+                )
+                yield index, record
+
+    monkeypatch.setattr("gridslam.studies.workers.LocalWorkers", lambda count: Counted())
+    told = study(*GIVEN, "--runs", "2")
+    assert told.code == 0
+    row = told.out.splitlines()[1]
+    assert shown in row
+    assert "silent" in told.out.splitlines()[0]
+    with (tmp_path / "mix/summary.csv").open(newline="") as file:
+        assert next(csv.DictReader(file))["silent_steps"] == cell
+    with (tmp_path / "mix/runs.csv").open(newline="") as file:
+        assert [one["silent_steps"] for one in csv.DictReader(file)] == [
+            "" if count is None else str(count) for count in counts
+        ]
+
+
+def test_a_real_run_has_them(say, tmp_path):
+    """By a filter that stands still at its start and is sure of that."""
+    (tmp_path / "tiny.toml").write_text(TINY.replace("steps = 3", "steps = 20"))
+    (tmp_path / "sure_of_it.py").write_text(
+        "import numpy as np\n"
+        "import gridslam as gs\n\n\n"
+        "class Sure:\n"
+        "    def __init__(self, scene, prior_map=None, agent=None, seed=0):\n"
+        "        self.start, self.blank = scene.filter_model(agent).start_mean, gs.Map.of_scene(scene)\n"
+        "        self.agent = agent\n\n"
+        "    def step(self, scan):\n"
+        "        return gs.Estimate.of_pose(scan, self.start[:2], self.start[4], 1e-4 * np.eye(5))\n\n"
+        "    def map(self):\n"
+        "        return self.blank\n"
+    )
+    scene = Scene.load(str(tmp_path / "tiny.toml"))
+    (job,) = Study((scene,), ("sure_of_it:Sure",), agents=("agent1",)).jobs()
+    scores = run_job(job)["agents"]["agent1"]["scores"]
+    assert 10 < scores["silent_steps"] <= scores["steps"] == 20
