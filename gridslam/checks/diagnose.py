@@ -88,7 +88,8 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     found = suspicions(columns, names, None if odd or loose else scene, agent, degrees)
     lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
     lines += elevations.remarks(columns, scene, agent) if scene is not None else []
-    lines += [f"suspect: {item}" for item in [*odd, *found]]
+    refused = [item for item in found if item.kind == "missing"]  # by `run`, too
+    lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
     if repeated := repeats_line(columns):
         lines.append(f"suspect: {repeated}")
     try:
@@ -97,6 +98,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
         lines[1:1] = [] if whole.simulated is None else [f"  simulated: {whole.simulated}"]
     except InputError as error:
         lines.append(f"refused: {error}")
+    lines += [f"refused: {item}" for item in refused]
     if loose:
         lines.append(
             f"{UNSURE}distances hold offsets of the scene's clocks, up to {offset_m:.0f} m, so that lines of "

@@ -17,6 +17,7 @@ from gridslam.measurements import csv_table, hdf5_table, matlab
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.network_run import check_names
 from gridslam.wording import counted
+from gridslam.world.columns import require_distances
 from gridslam.world.network_scene import clocks_are_known
 from gridslam.world.scene import Scene
 
@@ -68,6 +69,8 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
     """
     measurements = _read(path, scene)
     table, named = measurements.table, measurements.table.anchor >= 0
+    with located(path):
+        require_distances(table.columns)
     low, high = np.nanmin(table.distance_m), np.nanmax(table.distance_m)
     negative = int((table.distance_m < 0).sum())
     lines = [

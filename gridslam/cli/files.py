@@ -13,7 +13,7 @@ from rich.console import Console
 
 from gridslam.cli.help import LOOK, SCENES
 from gridslam.cli.options import flag, map_in
-from gridslam.errors import InputError, Note
+from gridslam.errors import InputError, Note, located
 
 out = Console()
 OTHERS = (
@@ -58,6 +58,7 @@ def check(
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
     from gridslam.runs.parts import refuse_unfinished
+    from gridslam.world.columns import require_distances
     from gridslam.world.scene import Scene
 
     refuse_unfinished(file)
@@ -87,7 +88,9 @@ def check(
         if samples:
             Recording.load(file)
         else:
-            Measurements.load(file, pseudo=world is not None and world.clocks is not None)
+            whole = Measurements.load(file, pseudo=world is not None and world.clocks is not None)
+            with located(file):
+                require_distances(whole.columns)
     if any(line.startswith(("suspect: ", UNSURE)) for line in lines):
         raise typer.Exit(1)
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from gridslam.cli.doubts import map_notes, truth_notes
-from gridslam.cli.observed import hints, simulated_note, source, view_of
+from gridslam.cli.observed import hints, noted, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
-from gridslam.cli.run_end import Done, busy, finish, go_on_later
+from gridslam.cli.run_end import Done, finish, go_on_later, judged
 from gridslam.errors import InputError
 from gridslam.systems.registry import method_class
 
@@ -36,6 +36,7 @@ def run_network(asked: Asked) -> None:
     from gridslam.runs.network_files import clock_files
     from gridslam.runs.network_run import map_network, network_scores
     from gridslam.runs.progress import network_progress_bar
+    from gridslam.runs.stopping import StoppedLate, held_back
 
     world, file = asked.world, asked.measurements
     if asked.signal:
@@ -50,7 +51,8 @@ def run_network(asked: Asked) -> None:
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
-        measurements, truth = _network_observations(asked)
+        with noted() as read:
+            measurements, truth = _network_observations(asked)
         prior = Map.load(asked.map_file) if asked.map_file else None
         note = None
         if prior is not None:
@@ -74,36 +76,44 @@ def run_network(asked: Asked) -> None:
                 if earlier is not None
                 else None
             )
-            with network_progress_bar(measurements.tracks, err) as tell:
-                done = map_network(
-                    world, measurements, asked.seed, prior, starts=how, progress=tell, method=asked.method,
-                    watch=None if view is None else view.follow_all(measurements.tracks), checkpoint=own,
-                )  # fmt: skip
-            if view is not None:
-                view.show_map(done.map)
-            if done.interrupted and earlier is not None:
-                go_on_later(folder, earlier, termination)
-            stopped = done.interrupted
+            stopped = False
             try:
-                with busy("scoring"):
-                    scores, whole = network_scores(done, measurements, truth)
-            except KeyboardInterrupt:
-                if earlier is not None:
-                    go_on_later(folder, earlier, termination)
-                scores, whole, stopped = [run.score() for run in done.runs.values()], done.score(), True
-            runs = list(done.runs.values())
-            given = source([] if file is None else [file])
-            observed: list[Observations] = [measurements[run.agent] for run in runs]
-            notes = map_notes(prior, done.map, asked.map_file)
-            notes += [] if file is None else truth_notes(world, runs, observed)
-            more: dict[str, Any] = {"network": whole}
-            if file is not None:  # nobody knows how exact it is
-                more["start"] = "scene"
-            end = Done(
-                runs, observed, scores, given | more,
-                f"{len(done.clocks.step)} of {len(measurements)} steps" if done.interrupted else "",
-                clock_files(done.clocks, measurements.clocks), _lines(whole), notes, told,
-            )  # fmt: skip
+                with network_progress_bar(measurements.tracks, err) as tell:
+                    done = map_network(
+                        world, measurements, asked.seed, prior, starts=how, progress=tell,
+                        method=asked.method, checkpoint=own,
+                        watch=None if view is None else view.follow_all(measurements.tracks),
+                    )  # fmt: skip
+            except StoppedLate as late:  # it is whole all the same
+                done, stopped = late.run, True
+            stopped = stopped or done.interrupted
+            if stopped and earlier is not None:
+                go_on_later(folder, earlier, termination)
+            with held_back() as asked_late:
+                if view is not None:
+                    view.show_map(done.map)
+                runs = list(done.runs.values())
+                observed: list[Observations] = [measurements[run.agent] for run in runs]
+            notes = [lambda: map_notes(prior, done.map, asked.map_file)]
+            if file is not None:
+                notes.append(lambda: truth_notes(world, runs, observed))
+            (scores, whole), said, lacks = judged(
+                lambda: network_scores(done, measurements, truth),
+                lambda: ([run.score() for run in runs], done.score()),
+                notes,
+            )
+            if lacks and earlier is not None:
+                go_on_later(folder, earlier, termination)
+            with held_back() as later:  # whatever is computed by now is written
+                more: dict[str, Any] = source([] if file is None else [file]) | {"network": whole}
+                if file is not None:  # nobody knows how exact it is
+                    more["start"] = "scene"
+                end = Done(
+                    runs, observed, scores, more,
+                    f"{len(done.clocks.step)} of {len(measurements)} steps" if done.interrupted else "",
+                    clock_files(done.clocks, measurements.clocks), _lines(whole), said, [*read, *told], lacks,
+                )  # fmt: skip
+            stopped = stopped or asked_late.is_set() or later.is_set()
             finish(folder, place, world, end, stopped, termination)
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from gridslam.errors import InputError
 from gridslam.systems.registry import METHODS, method_class, taken_by
@@ -98,6 +98,52 @@ def recorded(
     with located(file):
         check_anchors(world, measurements)
     return with_truth(measurements, track, where)
+
+
+@contextmanager
+def noted() -> Iterator[list[str]]:
+    """Collect the notes that are told of files meanwhile, each once; they are shown all the same."""
+    import warnings
+
+    from gridslam.errors import Note
+
+    said, shown = list[str](), warnings.showwarning
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if issubclass(category, Note) and str(message) not in said:
+            said.append(str(message))
+        shown(message, category, filename, lineno, file, line)
+
+    warnings.showwarning = show
+    try:
+        yield said
+    finally:
+        warnings.showwarning = shown
+
+
+def refuse_without_distances(method: str, heard: Mapping[Path, Observations]) -> None:
+    """Refuse tables in which no row has a distance; methods of one's own may do without.
+
+    Raises
+    ------
+    InputError
+        One of them is such a table.
+    """
+    from gridslam.errors import located
+    from gridslam.measurements.table import Measurements
+    from gridslam.world.columns import require_distances
+
+    for file, own in heard.items():
+        if isinstance(own, Measurements) and method in METHODS:
+            with located(file):
+                require_distances(own.columns)
 
 
 def own_rows(file: Path, anchors: Sequence[str], agent: str, with_offsets: bool) -> Measurements | None:

@@ -16,7 +16,9 @@ from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, radio_notes, s
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     hints,
+    noted,
     recorded,
+    refuse_without_distances,
     require_map_used,
     simulated_note,
     source,
@@ -25,7 +27,7 @@ from gridslam.cli.observed import (
 )
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import refuse_contradictions, unfinished
-from gridslam.cli.run_end import Done, busy, finish, go_on_later
+from gridslam.cli.run_end import Done, busy, finish, go_on_later, judged
 from gridslam.errors import InputError, renamed
 from gridslam.systems.registry import METHODS, method_class, taken_by
 
@@ -65,6 +67,7 @@ def _run_in_turn(asked: Asked) -> None:
     from gridslam import runtime
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
+    from gridslam.runs.stopping import held_back
 
     world, method = asked.world, asked.method
     takes = taken_by(method_class(method, "--method"))
@@ -84,10 +87,13 @@ def _run_in_turn(asked: Asked) -> None:
     ):
         tracks = asked.tracks(names)
         whose = {name: name if asked.agent else None for name in names}
-        every = {
-            name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name]) for name in names
-        }
+        with noted() as read:
+            every = {
+                name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name])
+                for name in names
+            }
         known = {name: own for name, own in every.items() if own is not None}
+        refuse_without_distances(method, {by_name[name]: own for name, own in known.items()})
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (
             fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)
@@ -103,32 +109,42 @@ def _run_in_turn(asked: Asked) -> None:
             resolved = {"agent": names, "particles": world.filter.particles, "start": how}
             earlier = unfinished(asked.context, place, world, system, resolved)
             turns = Turns(world, method, asked.seed, how, known, given, view, earlier)
-            runs, observations = _explore(turns, names)
-            stopped = len(runs) < len(names) or runs[-1].interrupted
-            scores = []
-            try:
-                if not (stopped and earlier):
-                    with busy("scoring"):
-                        scores = _scores(world, runs, observations, given)
-            except KeyboardInterrupt:
-                scores, stopped = [done.score() for done in runs], True
+            runs, observations, stopped = _explore(turns, names)
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
-            progress = _progress(runs, observations, names)
-            notes = radio_notes(world) + _height_notes(runs) + jolt_notes(world, runs)
-            notes += map_notes(given, runs[-1].map, asked.map_file)
-            notes += silence_notes(world, given, runs, observations, asked.map_file)
+            notes = [
+                lambda: radio_notes(world) + _height_notes(runs) + jolt_notes(world, runs),
+                lambda: map_notes(given, runs[-1].map, asked.map_file),
+                lambda: silence_notes(world, given, runs, observations, asked.map_file),
+            ]
             if file is not None:
-                notes += fit_notes(world, runs, observations, file, asked.scene)
-            given_files = source([by_name[one.agent] for one in runs if by_name])
-            settings = dict(given_files)
-            if asked.map_file is not None:
-                folder_too = "/".join(asked.map_file.resolve().parts[-2:])  # most are called map.h5
-                settings["map"] = source([asked.map_file])["source"] | {"file": folder_too}
-            if file is not None:  # nobody knows how exact it is
-                settings["start"] = "scene"
-            done = Done(runs, observations, scores, settings, progress, notes=notes, before=before)
-            finish(folder, place, world, done, stopped, termination)
+                notes.append(lambda: fit_notes(world, runs, observations, file, asked.scene))
+            scores, said, lacks = judged(
+                lambda: _scores(world, runs, observations, given),
+                lambda: [one.score() for one in runs],
+                notes,
+            )
+            if lacks and earlier:
+                go_on_later(folder, earlier, termination)
+            with held_back() as late:  # whatever is computed by now is written
+                settings = source([by_name[one.agent] for one in runs if by_name])
+                if asked.map_file is not None:
+                    folder_too = "/".join(asked.map_file.resolve().parts[-2:])  # most are called map.h5
+                    settings["map"] = source([asked.map_file])["source"] | {"file": folder_too}
+                if file is not None:  # nobody knows how exact it is
+                    settings["start"] = "scene"
+                progress = _progress(runs, observations, names)
+                done = Done(
+                    runs,
+                    observations,
+                    scores,
+                    settings,
+                    progress,
+                    notes=said,
+                    before=[*read, *before],
+                    lacks=lacks,
+                )
+            finish(folder, place, world, done, stopped or late.is_set(), termination)
 
 
 def _taken_note(asked: Asked, names: list[str], files: Mapping[str | None, Path]) -> str | None:
@@ -172,10 +188,10 @@ class Turns:
     earlier: Unfinished | None
 
 
-def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observations]]:
-    """Run the agents one after the other; Ctrl-C ends the list early.
+def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observations], bool]:
+    """Run the agents one after the other, and say whether they were stopped; Ctrl-C ends the list early.
 
-    It raises only if that is empty and nothing is there to go on from.
+    It raises only if the list is empty and nothing is there to go on from.
 
     Raises
     ------
@@ -185,6 +201,7 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     from gridslam.maps.run_identity import begun, refuse_heard
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
+    from gridslam.runs.stopping import StoppedLate
     from gridslam.simulation.simulate import observations_of
     from gridslam.world.start import assumed_start
 
@@ -211,11 +228,16 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
             with progress_bar(name, observed.truth, err) as tell:
                 prior = runs[-1].map if runs else turns.given
                 start = assumed_start(world, name, seed, turns.how)
-                done = map_scene(
-                    world, observed, method, name, seed, prior, tell, watch=watch, start=start, checkpoint=own
-                )
-            observations.append(observed)
-            runs.append(done)
+                observations.append(observed)
+                try:
+                    done = map_scene(
+                        world, observed, method, name, seed, prior, tell, watch=watch, start=start,
+                        checkpoint=own,
+                    )  # fmt: skip
+                except StoppedLate as late:  # it is whole all the same
+                    runs.append(late.run)
+                    raise
+                runs.append(done)
             if view:
                 view.show_map(done.map)
             if done.interrupted:
@@ -223,7 +245,8 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     except KeyboardInterrupt:
         if not (runs or earlier):
             raise
-    return runs, observations[: len(runs)]
+        return runs, observations[: len(runs)], True
+    return runs, observations, runs[-1].interrupted
 
 
 def _progress(runs: list[Run], observations: list[Observations], names: list[str]) -> str:

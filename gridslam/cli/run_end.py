@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.table import Table
@@ -25,9 +25,18 @@ if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
 out, err = Console(), Console(stderr=True)
+Scored = TypeVar("Scored")
 SUSPECT = ": suspect: "
 WIDEST_TABLE = 160
 """Columns up to which the table is printed whole, whatever the terminal."""
+
+
+@dataclass(frozen=True)
+class Lacks:
+    """What a run lacks that was stopped once its steps were done: `what`, and `at` what it was stopped."""
+
+    at: str
+    what: str
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,8 @@ class Done:
         The same, kept in ``run.json``.
     before : list of str
         Notes that were told before the run, kept in ``run.json``.
+    lacks : Lacks or None
+        What it was too late for when it was stopped after its last step.
     """
 
     runs: list[Run]
@@ -60,6 +71,7 @@ class Done:
     lines: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     before: list[str] = field(default_factory=list)
+    lacks: Lacks | None = None
 
     @property
     def weighty(self) -> list[str]:
@@ -82,12 +94,44 @@ class Done:
     def kept(self) -> list[str]:
         """The notes of ``run.json``, the weighty first."""
         cut = [f"cut short after {self.progress}"] if self.progress else []
+        cut += [f"stopped in {self.lacks.at}: {self.lacks.what} left out"] if self.lacks else []
         return [*cut, *self.weighty, *self.before, *self.other]
 
 
 def busy(what: str) -> AbstractContextManager[object]:
     """A sign of life on a terminal."""
     return err.status(what) if err.is_terminal else nullcontext()
+
+
+def judged(
+    score: Callable[[], Scored], bare: Callable[[], Scored], notes: Sequence[Callable[[], list[str]]]
+) -> tuple[Scored, list[str], Lacks | None]:
+    """Scores of a run whose steps are done, and what is said of it; Ctrl-C ends that and costs nothing else.
+
+    Parameters
+    ----------
+    score, bare : callable
+        Give its scores, and those that need no truth.
+    notes : sequence of callable
+        Each gives some notes; those that were made before an interrupt stay.
+    """
+    from gridslam.runs.stopping import held_back
+
+    scores, said = None, list[str]()
+    lacks: Lacks | None = Lacks("scoring", "scores by the truth and notes")
+    try:
+        with busy("scoring"):
+            scores = score()
+        lacks = Lacks("looking at what was heard", "some notes")
+        for note in notes:
+            said += note()
+        lacks = None
+    except KeyboardInterrupt:
+        pass
+    if scores is None:
+        with held_back():
+            scores = bare()
+    return scores, said, lacks
 
 
 def go_on_later(folder: Path, earlier: Unfinished, termination: Termination) -> None:
@@ -100,13 +144,15 @@ def finish(
 ) -> None:
     """Write the folder, say what is in it, and end with the exit code of whatever stopped the run."""
     drawn = _written(folder, place, world, done)
-    if done.progress and (stopped or not drawn):
-        _stop(f"after {done.progress}: {folder} holds what was done", termination)
-    elif stopped:
-        _stop(f"in scoring, after the last step: {folder} holds all but scores by the truth", termination)
-    elif not drawn:
-        line = f"in drawing, after the last step: {folder} holds all but figures (gridslam plot {folder})"
-        _stop(line, termination)
+    if drawn and not stopped and done.lacks is None:
+        return
+    figures = "" if drawn else f"figures (gridslam plot {folder})"
+    missing = ", ".join(filter(None, (done.lacks.what if done.lacks else "", figures)))
+    if done.progress:
+        but = f", but for {missing}" if missing else ""
+        _stop(f"after {done.progress}: {folder} holds what was done{but}", termination)
+    at = f"in {done.lacks.at}, " if done.lacks else "" if drawn else "in drawing, "
+    _stop(f"{at}after the last step: {folder} holds all{f' but {missing}' if missing else ''}", termination)
 
 
 def _stop(line: str, termination: Termination) -> None:
@@ -116,11 +162,15 @@ def _stop(line: str, termination: Termination) -> None:
 
 def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
     """Write the folder and say what is in it; False if Ctrl-C ended the writing or drawing."""
-    from gridslam.runs.notes import health_notes
-    from gridslam.runs.run_files import read_run, write_run
-    from gridslam.viewers.plots import draw_all
+    from gridslam.runs.stopping import held_back
 
-    whole = True
+    with held_back() as asked:  # loading what draws takes a second, in which the run would be lost
+        from gridslam.runs.notes import health_notes
+        from gridslam.runs.run_files import read_run, write_run
+        from gridslam.viewers.plots import draw_all
+
+        kept = done.kept
+    whole = not asked.is_set()
 
     def draw(part: Path) -> None:
         nonlocal whole
@@ -134,7 +184,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
     try:
         write_run(
             folder, world, done.runs, done.observations, done.scores,
-            {**done.settings, "notes": done.kept}, place.overwrite, draw, place, done.more,
+            {**done.settings, "notes": kept}, place.overwrite, draw if whole else None, place, done.more,
         )  # fmt: skip
     except KeyboardInterrupt:
         whole = False

@@ -81,9 +81,10 @@ def study(
     """Run many seeds, methods and settings; write tables and figures. Started again, it goes on."""
     from gridslam.drawing.map_figure import FORMATS
     from gridslam.studies.batches import batches
-    from gridslam.studies.plots import WHOLE_IN, draw_study
+    from gridslam.studies.plots import WHOLE_IN
+    from gridslam.studies.results import write_results
     from gridslam.studies.study import Study
-    from gridslam.studies.tables import summary_rows, write_tables
+    from gridslam.studies.tables import summary_rows
     from gridslam.world.scene import Scene
 
     where = place.open()
@@ -100,12 +101,14 @@ def study(
     outcome = _run(plan, output, where, overwrite)
     found = batches(outcome)
     if found:
-        write_tables(output, found)
         width = WHOLE_IN if figures.width is None else figures.width / 2.54
-        draw_study(output, found, figures.form, width)
+        write_results(output, found, figures.form, width)
         _table(summary_rows(found))
     done = sum(record is not None for record in outcome.records)
     line = f"{output}: {done} of {counted(len(outcome.records), 'run')}, {outcome.fresh} of them new"
+    every = len(outcome.finished)
+    if every > done:  # of earlier commands, with other methods or more seeds
+        line += f"; with those that were there before, tables and figures are of {every}"
     out.print(line, highlight=False, markup=False, soft_wrap=True)
     (output / "failures.log").unlink(missing_ok=True)
     if outcome.failures:
@@ -172,7 +175,7 @@ def _named(column: str, value: Any) -> str:
 def _table(rows: list[dict[str, Any]]) -> None:
     table = Table(box=None)
     table.add_column("")
-    for title in ("runs", "diverged", "position", "heading", "MOSPA", "VAs", "NEES", "paths"):
+    for title in ("runs", "diverged", "position", "heading", "MOSPA", "VAs", "NEES", "silent", "paths"):
         table.add_column(title, justify="right", no_wrap=True)
     names = list(rows[0])
     for row in rows:
@@ -185,13 +188,15 @@ def _table(rows: list[dict[str, Any]]) -> None:
             _metres(row["surface_ospa_m"]),
             _metres(row["image_ospa_m"]),
             f"{row['nees_in_band']:.0%}",
+            "-" if math.isnan(row["silent_steps"]) else f"{row['silent_steps']:.0f}",
             "-" if math.isnan(row["ray_excess"]) else f"{row['ray_excess']:+.2f}",
         )
     Console(width=max(out.width, WIDEST_TABLE)).print(table)
     note = (
         "after step 50 (of shorter runs the second half); x: times the bound of an unknown map; MOSPA: of "
         "the surfaces at the end; VAs: of the paths' virtual anchors; NEES: share of all steps in its 95 % "
-        "band; paths: detected minus true"
+        "band; silent: steps, of all runs, at which the position is off by over 4 claimed deviations while "
+        "health is well; paths: detected minus true"
     )
     out.print(note, highlight=False, soft_wrap=True)
 

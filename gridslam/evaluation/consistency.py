@@ -22,6 +22,8 @@ from gridslam.world.geometry import unit, wrap
 from gridslam.world.scene import Scene
 
 FIGURE = re.compile(r"-?\d+(?:\.\d+)?")
+SILENT = 4.0
+"""Claimed deviations of the position from which on a filter should have said that something is amiss."""
 ABOUT_ANCHOR = re.compile(r"anchor .* seems turned by ")
 
 
@@ -181,6 +183,15 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         rays,
         belief,
     )
+
+
+def silent_steps(estimates: Sequence[Estimate], steps: Steps) -> int:
+    """At how many steps the position is off by more than four claimed deviations while health is well.
+
+    The deviation is the root of the trace of the position's covariance, as `Steps.position_claimed_m`.
+    """
+    well = np.array([one.health.ok for one in estimates], bool)
+    return int((well & (steps.position_error_m > SILENT * steps.position_claimed_m)).sum())
 
 
 def virtual_anchors(

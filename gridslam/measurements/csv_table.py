@@ -18,7 +18,7 @@ import numpy as np
 
 from gridslam.errors import Faults, InputError, Note
 from gridslam.io.files import write_bytes
-from gridslam.measurements.foreign_columns import meant_by
+from gridslam.measurements.foreign_columns import angles_meant, meant_by
 from gridslam.world.columns import (
     KEYS,
     MOST_STEPS,
@@ -115,6 +115,7 @@ def read_csv(
         if extra:
             columns_are = f"column{'s' if len(extra) > 1 else ''} {', '.join(extra)}"
             meant = [one for one in map(meant_by, extra) if one and one.column not in header]
+            meant += dict.fromkeys(one for name in extra for one in angles_meant(name, header))
             ways = [f"{one.column}, {one.way}" for one in meant]
             said = f" ({'; '.join(ways)})" if ways else ""
             warnings.warn(Note(f"{path}: {columns_are} not used{said}"), stacklevel=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 TIME, LENGTH = ("time", "timestamp", "t"), ("distance", "range", "dist", "length")
@@ -13,6 +14,12 @@ METRE = {"mm": "1000", "cm": "100", "km": "0.001", "ft": "3.28084", "feet": "3.2
 """How many of a unit there are in ours."""
 DEVICE = ("robot", "tag", "device", "node")
 """What agents are called, alone or followed by `_id`."""
+ANGLE = ("azimuth", "az", "angle", "bearing", "direction", "doa", "dod", "phi", "theta")
+"""First words of names of angles, which leave open at which end they were measured."""
+ENDS = {
+    "aoa": "where it comes from, counter-clockwise from the agent's heading",
+    "aod": "where it leaves to, counter-clockwise from the anchor's orientation",
+}
 OURS, DECIBELS = ("time", "distance", "amplitude"), ("db", "dbm")
 
 
@@ -48,3 +55,13 @@ def meant_by(name: str) -> Meant | None:
     if first in LEVEL:
         return Meant("amplitude", f"{root}: ({name} / that of the noise) ** 0.5 of powers")
     return None
+
+
+def angles_meant(name: str, header: Collection[str]) -> list[Meant]:
+    """Which of our columns of angles that aren't there (of those in `header`) a foreign one could be."""
+    first, _, unit = name.lower().partition("_")
+    if first not in ANGLE:
+        return []
+    ours = "deg" if unit.startswith("deg") else "rad"
+    left = {end: told for end, told in ENDS.items() if f"{end}_rad" not in header}
+    return [Meant(f"{end}_{ours}", told) for end, told in left.items()]

@@ -15,11 +15,14 @@ from gridslam.maps.frames import SAME_PLACE_M, fitted, stamped
 from gridslam.maps.map import Map
 from gridslam.measurements.observations import Observations, require_kind
 from gridslam.measurements.recording import Recording
+from gridslam.measurements.table import Measurements
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
+from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
-from gridslam.systems.registry import DEFAULT, method_class, method_name, suited, taken_by
+from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, suited, taken_by
 from gridslam.systems.slam import Slam, built, mapped, stepped
+from gridslam.world.columns import require_distances
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
@@ -80,14 +83,14 @@ def map_scene(
     -------
     Run
         Ends early, and says so, if it is interrupted: Ctrl-C lets the step in hand finish, a second one
-        doesn't (and raises `KeyboardInterrupt`).
+        doesn't (and raises `KeyboardInterrupt`; after the last step one that has the run as ``run``).
 
     Raises
     ------
     InputError
         No scene, unknown method or agent, a class that is no method, a step that returns no estimate, a
         number of particles out of range, a map of another frame, measurements of anchors that aren't the
-        scene's, or of the kind that the method doesn't take.
+        scene's, or of the kind that the method doesn't take, or (for methods of ours) without distances.
     """
     require_scene(scene)
     waveform = measurements.waveform if isinstance(measurements, Recording) else None
@@ -99,6 +102,8 @@ def map_scene(
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
     require_kind(measurements, taken_by(found), method_name(method))
     check_anchors(scene, measurements)
+    if isinstance(measurements, Measurements) and method_name(method) in METHODS:  # others may do without
+        require_distances(measurements.columns)
     if prior_map is not None:
         prior_map, _ = fitted(prior_map, scene, same_frame=same_frame)
     simulated = measurements.simulated is not None
@@ -110,28 +115,32 @@ def map_scene(
     )
     with _watcher(progress, slam.agent, measurements) as tell:
         done = run_steps(partial(stepped, slam), slam, measurements, before, tell, watch, checkpoint)
-    estimates = done.estimates
-    last, final_map = estimates[-1], stamped(mapped(slam), scene)
-    surfaces = last.surfaces.take(last.detected)
-    if final_map.surfaces is not None and not any(len(e.surfaces) for e in estimates):
-        surfaces = final_map.surfaces  # of features: no step tells them
-    trajectory = believed_track(estimates, scene.agent(slam.agent).height_m)
-    return Run(
-        scene=scene,
-        agent=slam.agent,
-        method=method_name(method),
-        seed=seed,
-        device=device,
-        estimates=estimates,
-        trajectory=trajectory,
-        covariance=np.array([e.covariance for e in estimates]),
-        surfaces=surfaces,
-        map=final_map,
-        seconds_per_step=done.seconds_per_step,
-        peak_memory_mb=done.peak_memory_mb,
-        began=began,
-        interrupted=len(estimates) < len(measurements),
-    )
+    with held_back() as asked:  # a map of many cells takes a moment
+        estimates = done.estimates
+        last, final_map = estimates[-1], stamped(mapped(slam), scene)
+        surfaces = last.surfaces.take(last.detected)
+        if final_map.surfaces is not None and not any(len(e.surfaces) for e in estimates):
+            surfaces = final_map.surfaces  # of features: no step tells them
+        trajectory = believed_track(estimates, scene.agent(slam.agent).height_m)
+        run = Run(
+            scene=scene,
+            agent=slam.agent,
+            method=method_name(method),
+            seed=seed,
+            device=device,
+            estimates=estimates,
+            trajectory=trajectory,
+            covariance=np.array([e.covariance for e in estimates]),
+            surfaces=surfaces,
+            map=final_map,
+            seconds_per_step=done.seconds_per_step,
+            peak_memory_mb=done.peak_memory_mb,
+            began=began,
+            interrupted=len(estimates) < len(measurements),
+        )
+    if asked.is_set():
+        raise StoppedLate(run)
+    return run
 
 
 def believed_track(estimates: Sequence[Estimate], height_m: float | None = None) -> Trajectory:

@@ -18,11 +18,13 @@ from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.map_scene import believed_track, check_anchors
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
+from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
+from gridslam.world.columns import require_distances
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
 
@@ -166,7 +168,7 @@ def map_network(
     Returns
     -------
     NetworkRun
-        Ends early, and says so, if it is interrupted.
+        Ends early, and says so, if it is interrupted; as `gridslam.map_scene` does.
 
     Raises
     ------
@@ -197,30 +199,34 @@ def map_network(
 
     slam, before = begun(system, checkpoint, start)
     done = run_steps(slam.step, slam, measurements, before, progress, watch, checkpoint)
-    estimates = done.estimates
-    final_map, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
-    for name in names:
-        own = [one for one in (all_of.agents[name] for all_of in estimates) if one is not None]
-        if not own:
-            continue
-        runs[name] = Run(
-            scene=scene,
-            agent=name,
-            method=method,
-            seed=seed,
-            device=device,
-            estimates=own,
-            trajectory=believed_track(own, scene.agent(name).height_m),
-            covariance=np.array([one.covariance for one in own]),
-            surfaces=own[-1].surfaces.take(own[-1].detected),
-            map=final_map,
-            seconds_per_step=done.seconds_per_step,
-            peak_memory_mb=done.peak_memory_mb,
-            began=began[name],
-            interrupted=interrupted,
-        )
-    clocks = ClockTrack.of(estimates, len(scene.anchors))
-    return NetworkRun(runs, clocks, _labels(measurements, estimates), interrupted)
+    with held_back() as asked:
+        estimates = done.estimates
+        final_map, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
+        for name in names:
+            own = [one for one in (all_of.agents[name] for all_of in estimates) if one is not None]
+            if not own:
+                continue
+            runs[name] = Run(
+                scene=scene,
+                agent=name,
+                method=method,
+                seed=seed,
+                device=device,
+                estimates=own,
+                trajectory=believed_track(own, scene.agent(name).height_m),
+                covariance=np.array([one.covariance for one in own]),
+                surfaces=own[-1].surfaces.take(own[-1].detected),
+                map=final_map,
+                seconds_per_step=done.seconds_per_step,
+                peak_memory_mb=done.peak_memory_mb,
+                began=began[name],
+                interrupted=interrupted,
+            )
+        clocks = ClockTrack.of(estimates, len(scene.anchors))
+        whole = NetworkRun(runs, clocks, _labels(measurements, estimates), interrupted)
+    if asked.is_set():
+        raise StoppedLate(whole)
+    return whole
 
 
 def _labels(measurements: NetworkMeasurements, estimates: Sequence[NetworkEstimate]) -> NDArray[np.intp]:
@@ -236,7 +242,7 @@ def _labels(measurements: NetworkMeasurements, estimates: Sequence[NetworkEstima
 
 
 def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
-    """Refuse measurements of other agents or anchors than the scene's, and distances that can't be.
+    """Refuse measurements of other agents or anchors than the scene's, no distances, and some that can't be.
 
     Raises
     ------
@@ -248,6 +254,7 @@ def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
         found = type(measurements).__name__
         raise InputError("measurements", found, "NetworkMeasurements of several agents (one: gs.map_scene)")
     check_names(scene, measurements)
+    require_distances(measurements.table.columns)
     negative = np.flatnonzero(measurements.table.distance_m <= 0)
     if scene.clocks is None and len(negative):
         found = f"{measurements.table.distance_m[negative[0]]:.6g}"

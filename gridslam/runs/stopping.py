@@ -12,6 +12,20 @@ from typing import Any
 Handler = Callable[[int, FrameType | None], Any]
 
 
+class StoppedLate(KeyboardInterrupt):
+    """Asked to stop when all steps were done, while the run was put together.
+
+    Attributes
+    ----------
+    run : Run or NetworkRun
+        It is whole all the same.
+    """
+
+    def __init__(self, run: Any) -> None:
+        super().__init__()
+        self.run = run
+
+
 class Termination:
     """Handler of SIGTERM that interrupts like Ctrl-C, and keeps in mind that it was asked to."""
 

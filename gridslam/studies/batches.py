@@ -131,6 +131,12 @@ class Batch:
         """How many runs were more than 0.5 m off at some step after step 10."""
         return sum(bool(record["agents"][self.agent]["scores"]["diverged"]) for record in self.records)
 
+    @property
+    def silent_steps(self) -> float:
+        """At how many steps, of all runs, it was wrong and didn't say so; NaN where a run wasn't counted."""
+        counts = [record["agents"][self.agent]["scores"].get("silent_steps") for record in self.records]
+        return float("nan") if None in counts else float(sum(counts))
+
     def mapped(self, values: Array) -> Array:
         """Scores of surfaces (..., N): as they are, or NaN of a method that maps none, or none at its steps.
 
@@ -182,6 +188,8 @@ class Batch:
 def batches(outcome: Outcome) -> list[Batch]:
     """Sort the finished runs of a study by variant, agent and method; those without a run are left out.
 
+    Runs that earlier commands left in the study's folder are among them, as `Outcome.finished` has them.
+
     Raises
     ------
     InputError
@@ -189,11 +197,10 @@ def batches(outcome: Outcome) -> list[Batch]:
     """
     sorted_: dict[tuple[Variant, str, str], list[dict[str, Any]]] = {}
     agents: dict[Variant, tuple[str, ...]] = {}
-    for job, record in zip(outcome.study.jobs(), outcome.records, strict=True):
-        if record is not None:
-            agents[job.variant] = job.agents
-            for agent in job.agents:
-                sorted_.setdefault((job.variant, agent, job.method), []).append(record)
+    for job, record in outcome.finished:
+        agents[job.variant] = job.agents
+        for agent in job.agents:
+            sorted_.setdefault((job.variant, agent, job.method), []).append(record)
     marks: dict[tuple[Variant, Kind, bool], dict[str, Benchmark]] = {}
     found = []
     for (variant, agent, method), records in sorted_.items():

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from gridslam.drawing.map_figure import encoded, fonts
+from gridslam.drawing.map_figure import FORMATS, encoded, fonts
 from gridslam.evaluation.consistency import nees_band
 from gridslam.io.files import write_bytes
 from gridslam.studies.batches import Batch
@@ -67,23 +67,27 @@ def draw_study(
         groups.setdefault((batch.variant.name, batch.agent), []).append(batch)
     written = []
     for (scene, agent), own in groups.items():
-        for title, draw in (
-            ("errors", draw_errors),
-            ("cdf", draw_cdf),
-            ("map", draw_mospa),
-            ("surfaces", draw_surfaces),
-            ("rays", draw_rays),
-            ("consistency", draw_consistency),
-            ("hidden", draw_hidden),
-        ):
+        for title, draw in DRAWN.items():
             with fonts(width):
                 figure = draw(own)
                 if figure is not None:
-                    name = re.sub(r"[^\w.-]+", "_", f"{scene}-{agent}-{title}")
-                    written.append(folder / f"{name}.{form}")
+                    written.append(folder / f"{_name(scene, agent, title)}.{form}")
                     _resize(figure, width)
                     write_bytes(written[-1], encoded(figure, form))
     return written
+
+
+def drawn_before(directory: Path, found: Sequence[Batch]) -> list[Path]:
+    """Figures of these scenes and agents that lie in ``figures/``, whatever their form and whenever drawn."""
+    who = dict.fromkeys((batch.variant.name, batch.agent) for batch in found)
+    names = [_name(*of, title) for of in who for title in DRAWN]
+    every = (directory / "figures" / f"{name}.{form}" for name in names for form in FORMATS)
+    return [path for path in every if path.is_file()]
+
+
+def _name(scene: str, agent: str, title: str) -> str:
+    """A figure's file, but for its form."""
+    return re.sub(r"[^\w.-]+", "_", f"{scene}-{agent}-{title}")
 
 
 def _resize(figure: Figure, width: float) -> None:
@@ -297,3 +301,15 @@ def draw_hidden(own: Sequence[Batch]) -> Figure | None:
 def _heading_measured(own: Sequence[Batch]) -> bool:
     """Whether a heading is drawn: whether anything tells of it in any batch."""
     return any(batch.benchmark.heading_told for batch in own)
+
+
+DRAWN = {
+    "errors": draw_errors,
+    "cdf": draw_cdf,
+    "map": draw_mospa,
+    "surfaces": draw_surfaces,
+    "rays": draw_rays,
+    "consistency": draw_consistency,
+    "hidden": draw_hidden,
+}
+"""What is drawn of a scene and agent, by how its file is called; some of it only where there is anything."""

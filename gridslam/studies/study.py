@@ -99,14 +99,14 @@ class Study:
             for combination in combinations
         ]
 
-    def jobs(self) -> list[Job]:
-        """All runs, in the order of the tables."""
+    def jobs(self, methods: Sequence[str] | None = None, seeds: Sequence[int] | None = None) -> list[Job]:
+        """All runs, in the order of the tables; of other methods and seeds, if these are given."""
         agents = {scene.name: self._agents(scene) for scene in self.scenes}
         return [
             Job(variant, method, seed, agents[variant.name], self.start)
             for variant in self.variants()
-            for method in self.methods
-            for seed in self.seeds
+            for method in (self.methods if methods is None else methods)
+            for seed in (self.seeds if seeds is None else seeds)
         ]
 
     @property
@@ -136,12 +136,28 @@ class Outcome:
         Traceback of each run that failed.
     fresh : int
         How many runs were done now rather than found.
+    others : list of dict
+        Records of methods and seeds that the folder holds and that weren't asked for now.
     """
 
     study: Study
     records: list[dict[str, Any] | None]
     failures: dict[int, str] = field(default_factory=dict)
     fresh: int = 0
+    others: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def finished(self) -> list[tuple[Job, dict[str, Any]]]:
+        """Every run of the study that is there, those of earlier commands, too, in the order of the tables.
+
+        Methods that weren't asked for now come after those that were; their classes needn't be there.
+        """
+        found = {identity(one["key"]): one for one in (*self.records, *self.others) if one is not None}
+        keys = [one["key"] for one in self.others]
+        methods = [name for key in keys if isinstance(name := key.get("method"), str)]
+        seeds = {seed for key in keys if isinstance(seed := key.get("seed"), int)} | set(self.study.seeds)
+        jobs = self.study.jobs(tuple(dict.fromkeys((*self.study.methods, *methods))), sorted(seeds))
+        return [(job, found[key]) for job in jobs if (key := identity(job.key)) in found]
 
 
 def run_study(
@@ -177,10 +193,13 @@ def run_study(
     records: list[dict[str, Any] | None] = [None] * len(jobs)
     failures: dict[int, str] = {}
     refused: list[InputError] = []
+    others = []
     with Results.open(Path(directory), study.header, overwrite) as results:
         for record in results.found:
             number = place.get(identity(record["key"]))
-            if number is not None:
+            if number is None:
+                others.append(record)
+            else:
                 records[number] = record
         left = [number for number, record in enumerate(records) if record is None]
         if progress is not None:
@@ -200,7 +219,7 @@ def run_study(
                 progress(sum(r is not None for r in records) + len(failures), len(jobs))
     if len(refused) == len(jobs) and len(set(map(str, refused))) == 1:
         raise refused[0]
-    return Outcome(study, records, failures, sum(records[n] is not None for n in left))
+    return Outcome(study, records, failures, sum(records[n] is not None for n in left), others)
 
 
 def identity(key: Mapping[str, Any]) -> str:

@@ -102,6 +102,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "heading_to_known_map_bound": _level(heading) / _level(mark.known.heading_rad[late]),
                 "heading_to_unknown_map_bound": _level(heading) / _level(mark.unknown.heading_rad[late]),
                 "position_settled_nees": float(nees[late].mean()),
+                "silent_steps": batch.silent_steps,
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
                 "surface_ospa_m": batch.surface_ospa_m,
                 "image_ospa_m": float(batch.mapped(batch.mean("image_ospa_m"))[late].mean()),
@@ -129,14 +130,19 @@ def write_tables(directory: Path, found: Sequence[Batch]) -> list[Path]:
         ("steps", step_rows(found)),
         ("summary", summary_rows(found)),
     ):
-        columns = list(dict.fromkeys(column for row in rows for column in row))
-        text = io.StringIO()
-        table = csv.DictWriter(text, columns, lineterminator="\n")
-        table.writeheader()
-        table.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
         written.append(directory / f"{name}.csv")
-        write_bytes(written[-1], text.getvalue().encode())
+        write_bytes(written[-1], content(rows))
     return written
+
+
+def content(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """A table's file."""
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, lineterminator="\n")
+    table.writeheader()
+    table.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
+    return text.getvalue().encode()
 
 
 def _who(batch: Batch) -> dict[str, Any]:

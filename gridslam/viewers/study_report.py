@@ -18,6 +18,7 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "position_to_unknown_map_bound": ("over the bound of an unknown map", "{:.2f}".format),
     "position_to_known_map_bound": ("of a known map", "{:.2f}".format),
     "position_settled_nees": ("squared error over own variance (2 is right)", "{:.2f}".format),
+    "silent_steps": ("steps off by over 4 claimed deviations while health is well", "{:.0f}".format),
     "heading_settled_rmse_deg": ("heading, RMSE", "{:.2f} deg".format),
     "heading_to_unknown_map_bound": ("over its bound", "{:.2f}".format),
     "surface_ospa_m": ("surfaces at the end, OSPA", lambda v: f"{100 * v:.1f} cm"),

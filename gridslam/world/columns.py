@@ -39,6 +39,18 @@ def fill_missing(columns: Columns) -> Columns:
     return columns | {name: np.full(count, np.nan) for name in VALUES if name not in columns}
 
 
+def require_distances(columns: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse a table in which no row has a distance: what our methods make of angles alone is no map.
+
+    Raises
+    ------
+    InputError
+        There are rows, and none has one.
+    """
+    if len(columns["step"]) and not np.isfinite(columns.get("distance_m", np.nan)).any():
+        raise InputError("distance_m", "a distance in no row", "distances: nothing can be mapped without")
+
+
 def check_columns(
     columns: Columns,
     anchors: int,

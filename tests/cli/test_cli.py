@@ -255,7 +255,7 @@ def test_ctrl_c_while_scoring_keeps_the_run(say, short_room, no_figures, monkeyp
     monkeypatch.setattr("gridslam.cli.run._scores", stop)
     result = say("run", short_room, "--agent", "agent1", "-o", "out")
     assert (result.code, result.complaints) == (
-        130, ["interrupted in scoring, after the last step: out holds all but scores by the truth"],
+        130, ["interrupted in scoring, after the last step: out holds all but scores by the truth and notes"],
     )  # fmt: skip
     assert not json.loads(Path("out/run.json").read_text())["agents"]["agent1"]["interrupted"]
 

@@ -107,6 +107,7 @@ def test_other_columns_of_a_table_are_passed_over_and_noted(say):
     for words in (("check", "more.csv"), run):
         result = say(*words)
         assert (result.code, result.complaints) == (0, [note])
+    assert json.loads(Path("out/run.json").read_text())["notes"][0] == note.removeprefix("note: ")
     with pytest.warns(gs.errors.Note, match="rssi, comment"):
         again = gs.Measurements.from_csv("more.csv")
     np.testing.assert_array_equal(again.distance_m, measurements.distance_m)

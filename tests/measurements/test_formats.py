@@ -179,6 +179,31 @@ def test_csv_without_amplitudes_says_what_would_be_some(tmp_path, name, way):
         Measurements.from_csv(path, ["A", "B"])
 
 
+@pytest.mark.parametrize(
+    ("name", "gone", "meant"),
+    [
+        ("azimuth", ["aoa_rad"], ["aoa_rad, where it comes from"]),
+        ("Azimuth_deg", ["aoa_rad"], ["aoa_deg, where it comes from"]),
+        ("bearing", ["aod_rad"], ["aod_rad, where it leaves to"]),
+        ("azimuth", ["aod_rad", "aoa_rad"], ["aoa_rad, where it comes from", "aod_rad, where it leaves to"]),
+        ("azimuth", [], []),
+        ("comment", ["aoa_rad"], []),
+    ],
+)
+def test_a_column_of_angles_that_is_called_otherwise_is_answered_with_those_that_lack(
+    tmp_path, name, gone, meant
+):
+    path = tmp_path / "a.csv"
+    rows = dict(zip(HEADER.split(","), ROW.split(","), strict=True))
+    rows = {key: cell for key, cell in rows.items() if key not in gone} | {name: "0.5"}
+    path.write_text(",".join(rows) + "\n" + ",".join(rows.values()) + "\n")
+    with pytest.warns(Note, match=f"column {name} not used") as told:
+        Measurements.from_csv(path, ["A", "B"])
+    (note,) = (str(one.message) for one in told)
+    assert [part in note for part in meant] == [True] * len(meant)
+    assert ("(" in note) == bool(meant)
+
+
 def test_constant_deviations_of_angles_are_columns_in_degrees_too(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(f"{HEADER},aod_std_deg,aoa_std_deg\n{ROW},3,2\n1,1.0,B,2.0,,0.5,3.0,,2\n")
