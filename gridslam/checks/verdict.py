@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.checks.fit import BLIND, FITTING, fitting, settled, tells_place
 from gridslam.checks.followed import followed
-from gridslam.checks.handovers import Ties, heard_alone
+from gridslam.checks.handovers import FIRST, Ties, heard_alone
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
 from gridslam.checks.rivals import allowed_for, both_measured, range_errors
@@ -58,7 +58,8 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
         if both < MANY and both_measured(table):
             total = len(np.unique(table["step"]))
             line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
-        return line + _cannot_be_told(alone, scene) + _not_judged(table, scene, seen)
+        line += _cannot_be_told(alone, scene) + _start_unseen(table, scene, agent)
+        return line + _not_judged(table, scene, seen)
     if len(scene.anchors) > 1:
         line += f" ({_each(scene, seen)})"
     if not any(len(finite(columns, name)) for name in ANGLES):
@@ -104,7 +105,7 @@ def _alone(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> list
     if len(scene.anchors) < 2:
         return []
     ties = Ties.of(table, scene, agent)
-    return ties.untied(scene, agent) if ties is not None else heard_alone(table, seen, scene)
+    return ties.untied(scene, agent) if ties is not None else heard_alone(table, seen, scene, agent)
 
 
 def _as_far_as(alone: list[int], scene: Scene) -> str:
@@ -127,6 +128,15 @@ def _cannot_be_told(alone: list[int], scene: Scene) -> str:
     told = "how they are turned, where they stand and which is which can't be told"
     each = f"anchors {', '.join(names)} are heard one at a time, or not where others put the agent"
     return f"; unsure: {each}: {told}"
+
+
+def _start_unseen(table: Columns, scene: Scene, agent: str | None) -> str:
+    """That nothing tells of the start, in a scene with walls, where anchors alone tell where the agent is."""
+    ties = Ties.of(table, scene, agent) if scene.walls and agent is not None else None
+    if ties is None or ties.start is not None:
+        return ""
+    few = f"too few lines of sight in the first {FIRST} steps"
+    return f"; whether the start and its heading are right can't be told, for {few}"
 
 
 def _rest(table: Columns, seen: Sight) -> str:

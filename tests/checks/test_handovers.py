@@ -30,6 +30,13 @@ def _apart(table):
     return {name: values[kept] for name, values in table.items()}
 
 
+def _vague():
+    """The scene with any heading at the start."""
+    body = SCENE.agent("agent1")
+    vague = body.model_copy(update={"prior": body.prior.model_copy(update={"heading_deg": 180.0})})
+    return SCENE.model_copy(update={"agents": (vague, *SCENE.agents[1:])})
+
+
 def test_anchors_heard_at_once_are_tied(heard):
     ties = Ties.of(heard, SCENE, "agent1")
     assert ties.handovers.tied(0, 1)
@@ -51,9 +58,7 @@ def test_nor_is_one_that_is_turned(heard):
 
 
 def test_a_vague_start_ties_nothing(heard):
-    body = SCENE.agent("agent1")
-    vague = body.model_copy(update={"prior": body.prior.model_copy(update={"heading_deg": 180.0})})
-    scene = SCENE.model_copy(update={"agents": (vague, *SCENE.agents[1:])})
+    scene = _vague()
     assert Ties.of(_apart(heard), scene, "agent1").untied(scene, "agent1") == [0, 1]
 
 
@@ -74,4 +79,14 @@ def test_without_departures_sights_that_are_near_in_time_tie(heard, monkeypatch)
     assert Ties.of(table, SCENE, "agent1") is None
     fits = replace(explain(table, SCENE, "agent1"), explained=0.95)
     monkeypatch.setattr("gridslam.checks.verdict.followed", lambda *_: fits)
-    assert "unsure: anchor" in verdict(table, np.arange(2), SCENE, "agent1")
+    assert "unsure" not in verdict(table, np.arange(2), SCENE, "agent1")
+    assert "unsure: anchor A is heard alone" in verdict(table, np.arange(2), _vague(), "agent1")
+
+
+def test_a_start_out_of_sight_is_said_not_to_be_judged(heard, monkeypatch):
+    fits = replace(explain(heard, SCENE, "agent1"), explained=0.95)
+    monkeypatch.setattr("gridslam.checks.verdict.followed", lambda *_: fits)
+    told = "; whether the start and its heading are right can't be told"
+    assert told not in verdict(heard, np.arange(2), SCENE, "agent1")
+    monkeypatch.setattr("gridslam.checks.handovers.LEAST_FIRST", 100)
+    assert told in verdict(heard, np.arange(2), SCENE, "agent1")
