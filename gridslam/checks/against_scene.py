@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam.checks import elevations, time_units
+from gridslam.checks import by_handovers, elevations, time_units
 from gridslam.checks.column_readings import likeliest_way
 from gridslam.checks.fit import least_share, tells_place
-from gridslam.checks.followed import upheld
+from gridslam.checks.followed import followed, upheld
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
@@ -49,6 +49,8 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
         return []
     plain = explain(asis, scene, agent)
     found, read, sight = _best_cure(asis, scene, agent, plain)
+    if by_handovers.refuted(found, asis, scene, agent):
+        found, read, sight = [], asis, followed(asis, scene, agent, plain)
     kinds, cured = {item.kind for item in found}, read
     fits = sight.explained >= (EXPLAINED if scene.walls else least_share(scene))
     if fits and not kinds & ELSEWHERE and not {"distance_m", "anchor"} & {i.column for i in found}:
@@ -68,6 +70,9 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
                 found, read, sight = _with_start(found, read, sight, asis, elsewhere)
     found = offset_beside(found, asis, read, scene, agent, sight)
     found = with_places(found, asis, scene, agent, cured)
+    if by_handovers.refuted(found, asis, scene, agent):
+        found, sight = [], followed(asis, scene, agent, plain)
+    found = by_handovers.named(found, asis, scene, agent)
     found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))

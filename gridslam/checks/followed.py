@@ -8,7 +8,7 @@ import numpy as np
 
 from gridslam.checks.fit import FITTING, least_share
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain
-from gridslam.checks.rivals import CLEAR, EXPLAINED
+from gridslam.checks.rivals import CLEAR, EXPLAINED, FAIR_CROWD, both_measured
 from gridslam.checks.start_search import one_in_sight
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
@@ -30,6 +30,8 @@ WAYS: tuple[Way, ...] = (
 )
 """Ways to follow an agent that is lost straight on: through doors, around bends, both by more particles.
 About one anchor a turn and an angle that is misread are the same: sharp ones tell nothing there."""
+FAIR: Way = {"crowd": FAIR_CROWD}
+"""By distances alone usual numbers of particles lose a right table by luck: 90 nats of one of four."""
 FREER = 30.0
 """Log likelihood ratio in nats that turns beyond ``filter.heading_deg`` must gain: they fit more anyway."""
 
@@ -84,7 +86,7 @@ def upheld(
     world = ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}
     whole = read | {"aoa_rad": table["aoa_rad"]} if world else read
     most = -np.inf
-    for way in WAYS:
+    for way in (*WAYS, *([] if both_measured(table) else [FAIR])):
         own = explain(table, scene, agent, **way)
         if way.get("sharp") and one_in_sight(own):
             break

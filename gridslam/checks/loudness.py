@@ -60,11 +60,16 @@ def loudness(amplitude: Array, sight: Sight, scene: Scene, placed: bool = True) 
         kind, gain = "dB", max(course, gain if kind == "dB" else course)
     misread = bool(kind) and gain >= (ENOUGH if abs(level) >= LEVEL_DB or kind != "dB" else CERTAIN)
     misread &= abs(level) >= LEVEL_DB or kind == "dB"
+    # numbers that begin where the radio begins to detect are amplitudes, whatever is taken for lines of sight
+    misread &= not _at_threshold(amplitude, "", scene)
     begins = gain > 0 and _at_threshold(amplitude, kind, scene) and not _at_threshold(amplitude, "", scene)
     misread |= decibels or (bool(kind) and begins)
     misread &= placed or begins
-    # logarithms spread more or less than what they are read as does, so densities of either aren't alike
+    # logarithms spread more or less than what they are read as does, so densities of either aren't alike:
+    # small numbers read as decibels all lie near each other, whatever they are
     stretch = {"": 0.0, "power": -np.log(2) * len(loud), "dB": np.log(readings["dB"]).sum()}
+    if kind == "dB" and not begins and not decibels:
+        misread &= scores["dB"] + stretch["dB"] - scores[""] >= ENOUGH
     if (placed or scene.walls) and not decibels and abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
         if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
             reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown

@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.forgotten_heights import forgotten_heights
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_rad
 from gridslam.checks.range_errors import RangeError
 from gridslam.checks.range_fit import RangeFit, fits
-from gridslam.checks.turned_anchors import Turn, by_chance, nearly, turned_tables, words
+from gridslam.checks.turned_anchors import Turn, by_chance, names_words, nearly, turned_tables, words
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import Columns
 from gridslam.world.network_scene import clock_model
@@ -339,12 +338,9 @@ def orders(count: int) -> Iterator[tuple[int, ...]]:
 
 
 def _names(order: tuple[int, ...], scene: Scene, sight: Sight, plain: Sight) -> Suspicion:
-    names: NDArray = np.array(scene.anchor_names)
-    moved = [f"{names[i]} is the scene's {names[n]}" for i, n in enumerate(order) if i != n]
     reason = (
         f"line of sight in {sight.explained:.0%} of {sight.judged}, {plain.explained:.0%} as it stands; "
         f"log likelihood ratio {sight.evidence - plain.evidence:.0f}"
     )
     gain = sight.evidence - plain.evidence
-    text = f"names exchanged: {', '.join(moved)}; or the table is another scene's"
-    return Suspicion("anchor", "names", text, gain > CERTAIN, reason)
+    return Suspicion("anchor", "names", names_words(order, scene), gain > CERTAIN, reason)

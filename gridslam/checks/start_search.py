@@ -133,7 +133,7 @@ def other_start(
     own = _from_the_scenes(table, scene, agent)
     if own.explained >= least_share(scene) and own.evidence > sight.evidence - CERTAIN:
         return None, own
-    text = _words(sight.start, there, body.start_heading_deg)
+    text = start_words(sight.start, there, body.start_heading_deg)
     sure = sight.evidence > best.evidence + RIVAL
     return Suspicion("start", "start", text, sure, _reason(table, scene, agent, None, plain, sight)), sight
 
@@ -166,7 +166,8 @@ def one_in_sight(sight: Sight) -> bool:
     return int((np.nan_to_num(sight.shares) >= UNSEEN).sum()) < 2
 
 
-def _words(start: Array, there: bool, heading_deg: float) -> str:
+def start_words(start: Array, there: bool, heading_deg: float) -> str:
+    """What is said of a start (m, m, rad) from which a table fits; `there` if its place is the told one."""
     facing = f"{np.degrees(start[2]):.0f} degrees"
     if there:
         told = f"start_heading_deg of {heading_deg:g} doesn't fit"

@@ -123,6 +123,13 @@ def words(turns: tuple[Turn, ...], scene: Scene) -> str:
     return "; ".join(one.words(scene) for one in turns)
 
 
+def names_words(order: tuple[int, ...], scene: Scene) -> str:
+    """Which names are exchanged, by which of the scene's anchors each of the table's is."""
+    names = scene.anchor_names
+    moved = [f"{names[i]} is the scene's {names[n]}" for i, n in enumerate(order) if i != n]
+    return f"names exchanged: {', '.join(moved)}; or the table is another scene's"
+
+
 def _measured(table: Columns, anchor: int) -> bool:
     """Whether enough angles of departure of an anchor are there."""
     if "aod_rad" not in table:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.checks.fit import BLIND, FITTING, fitting, settled, tells_place
 from gridslam.checks.followed import followed
+from gridslam.checks.handovers import FIRST, Ties, heard_alone
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
 from gridslam.checks.rivals import allowed_for, both_measured, range_errors
@@ -49,13 +50,15 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
     line = f"line of sight to the anchors in {share} of {seen.judged}"
     if seen.explained >= fitting(scene):
-        line += f": units and frames fit the scene{_rest(table, seen)}"
+        alone = _alone(table, scene, agent, seen)
+        line += f": units and frames fit the scene{_as_far_as(alone, scene)}{_rest(table, seen)}"
         if seen.scans < FEW:
             return f"{line}, as far as so few scans tell"
         both = steps_to_judge_by(table, seen, scene)
         if both < MANY and both_measured(table):
             total = len(np.unique(table["step"]))
             line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
+        line += _cannot_be_told(alone, scene) + _start_unseen(table, scene, agent)
         return line + _not_judged(table, scene, seen)
     if len(scene.anchors) > 1:
         line += f" ({_each(scene, seen)})"
@@ -95,6 +98,45 @@ def _each(scene: Scene, seen: Sight) -> str:
     """Shares of anchors that were heard."""
     each = zip(scene.anchor_names, seen.shares, strict=True)
     return ", ".join(f"{name} {share:.0%}" for name, share in each if share == share)
+
+
+def _alone(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> list[int]:
+    """Anchors of several that nothing ties to another one or to the start: they fit however they stand."""
+    if len(scene.anchors) < 2:
+        return []
+    ties = Ties.of(table, scene, agent)
+    return ties.untied(scene, agent) if ties is not None else heard_alone(table, seen, scene, agent)
+
+
+def _as_far_as(alone: list[int], scene: Scene) -> str:
+    """Which anchors that is said of, if not of all."""
+    names = [name for number, name in enumerate(scene.anchor_names) if number not in alone]
+    if not alone or not names:
+        return ""
+    which = f"anchor {names[0]} tells" if len(names) == 1 else f"anchors {', '.join(names)} tell"
+    return f" as far as {which}"
+
+
+def _cannot_be_told(alone: list[int], scene: Scene) -> str:
+    """What nothing tells of anchors that are heard one at a time."""
+    if not alone:
+        return ""
+    names = [scene.anchor_names[number] for number in alone]
+    if len(names) == 1:
+        told = "how it is turned, where it stands and which one it is can't be told"
+        return f"; unsure: anchor {names[0]} is heard alone, or not where others put the agent: {told}"
+    told = "how they are turned, where they stand and which is which can't be told"
+    each = f"anchors {', '.join(names)} are heard one at a time, or not where others put the agent"
+    return f"; unsure: {each}: {told}"
+
+
+def _start_unseen(table: Columns, scene: Scene, agent: str | None) -> str:
+    """That nothing tells of the start, in a scene with walls, where anchors alone tell where the agent is."""
+    ties = Ties.of(table, scene, agent) if scene.walls and agent is not None else None
+    if ties is None or ties.start is not None:
+        return ""
+    few = f"too few lines of sight in the first {FIRST} steps"
+    return f"; whether the start and its heading are right can't be told, for {few}"
 
 
 def _rest(table: Columns, seen: Sight) -> str:

@@ -1,5 +1,7 @@
 """Amplitudes that are decibels, at whatever level the scene says: their course with the distance tells."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from workshop import workshop
@@ -48,6 +50,18 @@ def test_amplitudes_that_scatter_are_no_decibels(sight):
         faded = level * np.median(near) / near * 10 ** (draw.normal(0, 5, len(near)) / 20)
         amplitude[sight.row[sight.probability > 0.7]] = faded
         assert "dB" not in [kind for kind, _ in named(amplitude, sight)], level
+
+
+@pytest.mark.parametrize(("least", "spread", "far_m"), [(2.0, 1.0, 6.0), (1.0, 1.0, 8.0), (2.0, 3.0, 8.0)])
+def test_small_amplitudes_of_what_is_no_line_of_sight_are_what_they_are_called(
+    heard, sight, least, spread, far_m
+):
+    """Read as decibels they lie near each other, whatever they are; those of 2.0 begin at the threshold."""
+    draw, count = np.random.default_rng(1), len(sight.row)
+    amplitude = heard.amplitude.copy()
+    amplitude[sight.row] = least + spread * draw.exponential(size=count)
+    lost = replace(sight, distance_m=draw.uniform(far_m, 2 * far_m, count))
+    assert named(amplitude, lost) == []
 
 
 def test_a_hint_of_decibels_is_no_certainty(heard, sight, monkeypatch):

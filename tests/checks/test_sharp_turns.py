@@ -10,6 +10,7 @@ from gridslam.checks import followed as again
 from gridslam.checks.fit import FITTING
 from gridslam.checks.followed import followed, upheld
 from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.rivals import FAIR_CROWD
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.geometry import wrap
 
@@ -55,3 +56,23 @@ def test_check_says_that_it_fits(say, tmp_path):
     result = say("check", str(tmp_path / "turn.csv"), "--scene", "alcove")
     assert result.code == 0
     assert "units and frames fit the scene" in result.out
+
+
+@pytest.mark.parametrize("angles", [False, True])
+def test_by_distances_alone_names_are_accused_only_by_many_particles(monkeypatch, angles):
+    """The usual number lost a right table by luck, and an exchange of names fitted better by 42 nats."""
+    table = simulated_columns("alcove", 1, steps=20)
+    plain = explain(table, ALCOVE, "agent1")
+    if not angles:
+        table = {name: values for name, values in table.items() if not name.endswith("_rad")}
+    renamed = table | {"anchor": 1 - table["anchor"]}
+
+    def seen(columns, *_, **way):
+        own = columns["anchor"] is table["anchor"]
+        usual, many = (6.0, 91.0) if own else (49.0, 53.0)
+        return replace(plain, evidence=many if way.get("crowd") == FAIR_CROWD else usual, explained=0.65)
+
+    monkeypatch.setattr(again, "explain", seen)
+    monkeypatch.setattr(again, "least_share", lambda _: 0.3)
+    names = [Suspicion("anchor", "names", "names exchanged", True, "")]
+    assert (upheld(table, renamed, names, ALCOVE, "agent1", plain) is None) == angles
