@@ -64,7 +64,8 @@ class Scan:
     def only(self, rows: NDArray[np.bool_]) -> Scan:
         """The scan with some of its rows (M,)."""
         columns = {name: getattr(self, name) for name in ("anchor", *VALUES, *OPTIONAL)}
-        return replace(self, **{name: None if own is None else own[rows] for name, own in columns.items()})
+        kept: dict[str, Any] = {name: None if own is None else own[rows] for name, own in columns.items()}
+        return replace(self, **kept)
 
     def content(self) -> Iterator[NDArray[Any] | None]:
         """All columns in a fixed order, None where there is none; of elevations those there are, numbered."""
