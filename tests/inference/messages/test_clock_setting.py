@@ -14,7 +14,12 @@ from gridslam.inference.messages.network.clock_evidence import (
     clock_evidence,
     joint_density,
 )
-from gridslam.inference.messages.network.clock_setting import evidence_of, witnessed_surfaces
+from gridslam.inference.messages.network.clock_setting import (
+    astray,
+    challenge_clocks,
+    evidence_of,
+    witnessed_surfaces,
+)
 from gridslam.inference.state.network.clock_search import CELL_M, ELSEWHERE, NEVER, ClockSearch
 from gridslam.systems.network import NetworkSlam
 from gridslam.world.clocks import ClockModel
@@ -255,3 +260,26 @@ def test_a_set_clock_is_opened_again_by_what_stands_for_another_offset():
         assert not held.unset.any()
     gone = search.challenged(closed, none + 40 * peak, np.array([45.0, 0.0]), deviation)
     assert not gone.unset.any()  # out of the prior's reach: not looked for
+
+
+def test_an_offset_is_astray_beyond_its_prior_by_more_than_belief_and_walk_leave_room_for():
+    """By hand: 4 sqrt(0.4^2 + 100 * 0.03^2) = 2.0 m; with drifts of 0.01 m/s, 4 sqrt(0.25 + 1) = 4.47 m."""
+    mean, half, deviation = np.array([31.9, 32.1, -32.1]), np.full(3, 30.0), np.full(3, 0.4)
+    assert astray(half, mean, deviation, 100.0, CLOCKS).tolist() == [False, True, True]
+    drifts = replace(CLOCKS, drift_m=0.01)
+    assert astray(half, mean + 2.4 * np.sign(mean), deviation, 100.0, drifts).tolist() == [False, True, True]
+    assert not astray(half, 1e6 * mean, deviation, np.inf, CLOCKS).any()  # when it began isn't known
+
+
+def test_a_clock_that_left_its_prior_is_opened_again():
+    scene = gs.Scene.load("exchange").with_filter(particles=300, adapt_particles=False)
+    slam = NetworkSlam(scene, seed=1, agents=["agent1"])
+    scans = list(gs.simulate(scene, ["agent1"], seed=1))[:1]
+    slam.step(scans[0])
+    state, half = slam.state, ClockSearch.start(slam.model.clocks).half_widths
+    first = int(state.belief.layout.devices[0])
+    for offset, opened in ((half[0] + 1.0, True), (half[0] - 1.0, False)):
+        belief = state.belief.independent(first, float(offset), 0.01)
+        known = replace(state, belief=belief, clocks=state.clocks.closed(0))
+        after = challenge_clocks(known, [None], slam.model, works=slam.work)
+        assert bool(after.clocks.unset[0]) == opened

@@ -16,9 +16,12 @@ from gridslam.inference.state.network.clock_search import NARROW_M, SET_VARIANCE
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
+from gridslam.world.clocks import ClockModel
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.scan import Scan
 
+ASTRAY = 4.0
+"""Deviations beyond its prior from which on a clock was set to something else."""
 CHALLENGE_STEPS = 5
 """From one look at set clocks to the next; in as many first steps, each looks at them."""
 EXPECTED, SILENT_SHARE, RECEIVED_SHARE, DOUBTED = 0.5, 0.2, 0.5, 12.0
@@ -80,15 +83,40 @@ def challenge_clocks(
     """Open a set clock again where measurements stand for another offset, as they do for an unknown one's.
 
     A clock that was set by too little fits itself: surfaces are born about it, and what contradicts it
-    counts as clutter.
+    counts as clutter. One that has left its prior farther than it may have walked is opened anyhow, (M515).
     """
-    closed = ClockSearch.start(model.clocks).unset & state.clocks.taken & ~state.clocks.unset
+    fresh = ClockSearch.start(model.clocks)
+    closed = fresh.unset & state.clocks.taken & ~state.clocks.unset
     later = state.step > CHALLENGE_STEPS and state.step % CHALLENGE_STEPS
     if later or not closed.any() or tells_no_departure(scans):  # rival modes are hypotheses then
         return state
     evidence = evidence_of(state, closed, scans, model, works=works)
     mean, deviation = _believed(state)
-    return replace(state, clocks=state.clocks.challenged(closed, evidence, mean, deviation))
+    search = state.clocks.challenged(closed, evidence, mean, deviation)
+    elapsed = (
+        state.time_s - state.began_s if state.time_s is not None and state.began_s is not None else np.inf
+    )
+    for row in np.flatnonzero(closed & astray(fresh.half_widths, mean, deviation, elapsed, model.clocks)):
+        search = search.opened(int(row), model.clocks)
+    return replace(state, clocks=search)
+
+
+def astray(
+    half: Array, mean: Array, deviation: Array, elapsed_s: float, clocks: ClockModel
+) -> NDArray[np.bool_]:
+    """Which offsets are farther beyond their priors than belief and walk leave room for (R,); (M515).
+
+    Parameters
+    ----------
+    half, mean, deviation : (R,) m
+        Half widths of the priors; what is believed.
+    elapsed_s : float
+        Since the first step.
+    """
+    walked = (
+        clocks.walk_m**2 * elapsed_s + (clocks.drift_m * elapsed_s) ** 2 if np.isfinite(elapsed_s) else np.inf
+    )
+    return np.asarray(np.abs(mean) - half > ASTRAY * np.sqrt(deviation**2 + walked))
 
 
 def _believed(state: NetworkState) -> tuple[Array, Array]:

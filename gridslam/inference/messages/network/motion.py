@@ -52,7 +52,7 @@ def predict_all(
     )
     return replace(
         state, belief=belief, surfaces=surfaces, clocks=clocks, records=records, here=here,
-        labelled=labelled, time_s=time_s,
+        labelled=labelled, time_s=time_s, began_s=time_s if state.time_s is None else state.began_s,
     )  # fmt: skip
 
 

@@ -91,6 +91,11 @@ class ClockSearch:
         return cls(unset, log, centre, none.astype(np.intp), none, frame)
 
     @property
+    def half_widths(self) -> Array:
+        """Of what is possible, about 0 (R,), m."""
+        return np.asarray(np.where(self.log > NEVER, np.abs(self.centre), 0.0).max(1))
+
+    @property
     def framed(self) -> bool:
         """Whether agents' clocks are wide, so that frames are told apart."""
         return len(self.frame) > 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -90,6 +90,8 @@ class NetworkState:
         How far clocks seem to walk, once that is learned; see `messages.network.walk`.
     search : ClockSteps, optional
         The steps since clocks were last all set.
+    began_s : float, optional
+        Time of the first step.
     """
 
     belief: NetworkBelief
@@ -105,6 +107,7 @@ class NetworkState:
     grid: Grid | None = None
     walks: ClockWalk | None = None
     search: ClockSteps | None = None
+    began_s: float | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:
