@@ -286,4 +286,5 @@ def angles_hint(world: Scene, method: str, observations: Observations | None) ->
         angles = any(bool(np.isfinite(angle).any()) for angle in (observations.aod_rad, observations.aoa_rad))
     else:
         angles = bool({"aod", "aoa"} & set(world.radio.measures))
-    return None if angles else f"distances alone, no angles: --method va is made for them, {method} is not"
+    words = "--method va is made for them (and often lost where walls or racks hide anchors)"
+    return None if angles else f"distances alone, no angles: {words}, {method} is not"

@@ -31,14 +31,16 @@ def as_far_as_told(
 ) -> tuple[Population[State], Scan]:
     """The population before a scan with the turn held out or put back, and what of the scan it may use.
 
+    With distances alone nothing waits: a place that one anchor tells alone is a ring, and others are needed.
     Of the scan that tells the turn those are lines of sight: what else is heard of other anchors means
     something from the next one on, once the turn is known.
     """
     state, departs = population.best, bool(np.isfinite(scan.aod_rad).any())
     if model.senders == 1:
         return turn_followed(population, departs, model), scan
-    held, begun = state.turn_variance is not None, state.next_identity > 0
-    if population.searching or state.samples is not None or (not held and (departs or begun)):
+    held, arrives = state.turn_variance is not None, bool(np.isfinite(scan.aoa_rad).any())
+    may_begin = arrives and not departs and not state.next_identity
+    if population.searching or state.samples is not None or not (held or may_begin):
         return population, scan
     seen = anchors_in_sight(state, scan, model, work)
     if not held and seen.sum() != 1:

@@ -73,13 +73,16 @@ def test_what_a_hidden_anchor_seems_to_say_waits_for_its_line_of_sight():
     assert not held[-1]
 
 
-@pytest.mark.parametrize("departs", [True, False])
-def test_nothing_waits_where_departures_or_two_lines_of_sight_are_heard(departs):
-    scene = gs.Scene.load("room") if not departs else two_rooms(4, ("distance", "aoa", "aod", "amplitude"))
-    name = scene.agents[0].name
-    table = gs.simulate(scene, name, seed=3)
-    if not departs:
-        table = replace(table, aod_rad=np.full_like(table.aod_rad, np.nan))
+@pytest.mark.parametrize("case", ["departures", "two in sight", "distances alone"])
+def test_nothing_waits_where_it_is_told_or_would_leave_too_little(case):
+    scene = (
+        gs.Scene.load("room")
+        if case == "two in sight"
+        else two_rooms(4, ("distance", "aoa", "aod", "amplitude"))
+    )
+    table = gs.simulate(scene, scene.agents[0].name, seed=3)
+    lost = {"departures": (), "two in sight": ("aod_rad",), "distances alone": ("aod_rad", "aoa_rad")}[case]
+    table = replace(table, **dict.fromkeys(lost, np.full_like(table.aod_rad, np.nan)))
     slam = started(scene)
     for number in range(3):
         scan = table.scan(number)
