@@ -7,9 +7,12 @@ of it is mostly wrong. So they wait until the line of sight of one of them is he
 
 from __future__ import annotations
 
+from dataclasses import replace as changed
+
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array, replace
 from gridslam.inference.health.sight_watch import Sight
 from gridslam.inference.management.free_turn import turn_followed, with_turn
 from gridslam.inference.messages.motion import predict_agent
@@ -22,8 +25,10 @@ from gridslam.world.scan import Scan
 
 AGREE = 4.0
 """Deviations within which a line of sight has the distance and the arrival that follow from the pose."""
-AS_LOUD = 0.75
-"""Of its loudness: few walls reflect as much."""
+AS_LOUD, REFLECTED = 0.75, 0.7
+"""Of its loudness: what is taken for it, at least; what a wall would leave, against which it is held."""
+BEYOND_DOUBT, WITHOUT_AMPLITUDE = 5.0, 2.0
+"""Nats from which on it is one; what a scan tells in radios that measure no amplitude."""
 
 
 def as_far_as_told(
@@ -42,29 +47,29 @@ def as_far_as_told(
     may_begin = arrives and not departs and not state.next_identity
     if population.searching or state.samples is not None or not (held or may_begin):
         return population, scan
-    seen = anchors_in_sight(state, scan, model, work)
-    if not held and seen.sum() != 1:
+    loudness, expected = sights_heard(state, scan, model, work)
+    if not held and (expected > 0).sum() != 1:
         return population, scan
-    anchor = state.turn_anchor if held else int(seen.argmax())
-    seen[anchor] = False
-    rows = scan.anchor == anchor
+    anchor = state.turn_anchor if held else int(expected.argmax())
+    before = np.zeros(model.senders) if state.sight_nats is None else state.sight_nats
+    nats = np.where(expected > 0, before + _against_reflection(loudness, expected), 0.0)
+    nats[anchor] = 0.0
+    seen, rows = nats > BEYOND_DOUBT, scan.anchor == anchor
     told = departs or bool(seen.any()) or not rows.any()
     if not departs and rows.any():
         for other in np.flatnonzero(seen):
             rows[_loudest(scan, other)] = True
         scan = scan.only(rows)
-    return turn_followed(population, told, model, anchor), scan
+    population = turn_followed(population, told, model, anchor)
+    states = tuple(replace(one, sight_nats=None if told else nats) for one in population.states)
+    return changed(population, states=states), scan
 
 
-def _loudest(scan: Scan, anchor: np.intp) -> NDArray[np.intp]:
-    """The row of an anchor that is loudest, as lines of sight are; all where amplitudes aren't measured."""
-    own = np.flatnonzero(scan.anchor == anchor)
-    loudness = scan.amplitude[own]
-    return own if np.isnan(loudness).all() else own[[np.nanargmax(loudness)]]
+def sights_heard(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[Array, Array]:
+    """How loud what may be an anchor's line of sight is in a scan, and how loud it should be, (J,) each.
 
-
-def anchors_in_sight(state: State, scan: Scan, model: FilterModel, work: Workspace) -> NDArray[np.bool_]:
-    """Of which anchors a scan holds what may be the line of sight to the agent, (J,)."""
+    Both are 0 where a scan holds none; loudness is NaN where amplitudes aren't measured.
+    """
     scans = work.once(split_by_anchor, scan, model)
     belief = with_turn(state, model).belief
     if state.time_s is not None:
@@ -75,8 +80,26 @@ def anchors_in_sight(state: State, scan: Scan, model: FilterModel, work: Workspa
     )
     off, table = np.abs(sight.off) / sight.std, whole.table
     at_place = (off[:, 0] < AGREE) & ((off[:, 2] < AGREE) | ~(table[:, 5] >= 0))
-    expected = state.calibration.tuned(model.radio, 0).amplitude(sight.length, 1.0)
-    loud = ~(table[:, 6] > 0) | (table[:, 6] > AS_LOUD * expected)
-    seen = np.zeros(model.senders, bool)
-    seen[whole.label[at_place & loud & whole.loud]] = True
-    return seen
+    should = state.calibration.tuned(model.radio, 0).amplitude(sight.length, 1.0)
+    loud = ~(table[:, 6] > 0) | (table[:, 6] > AS_LOUD * should)
+    loudness, expected = np.zeros((2, model.senders))
+    for row in np.flatnonzero(at_place & loud & whole.loud):
+        own = whole.label[row]
+        if not expected[own] or table[row, 6] > loudness[own]:
+            loudness[own] = table[row, 6] if table[row, 6] > 0 else np.nan
+            expected[own] = should[row]
+    return loudness, expected
+
+
+def _against_reflection(loudness: Array, expected: Array) -> Array:
+    """What loudness says for a line of sight, against a wall's reflection as far away (J,), nats."""
+    walls = REFLECTED * expected
+    ratio = 0.5 * ((loudness - walls) ** 2 - (loudness - expected) ** 2)
+    return np.where(np.isnan(ratio), WITHOUT_AMPLITUDE, ratio)
+
+
+def _loudest(scan: Scan, anchor: np.intp) -> NDArray[np.intp]:
+    """The row of an anchor that is loudest, as lines of sight are; all where amplitudes aren't measured."""
+    own = np.flatnonzero(scan.anchor == anchor)
+    loudness = scan.amplitude[own]
+    return own if np.isnan(loudness).all() else own[[np.nanargmax(loudness)]]

@@ -81,6 +81,8 @@ class State:
         while nothing tells it.
     turn_anchor : int
         About which.
+    sight_nats : (J,), optional
+        While it is held out for want of another anchor's line of sight: how much speaks for one by now.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -106,6 +108,7 @@ class State:
     unexplained: Unexplained | None = field(default=None, metadata={"later": True})
     turn_variance: float | None = field(default=None, metadata={"later": True})
     turn_anchor: int = field(default=0, metadata={"later": True})
+    sight_nats: Array | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:
