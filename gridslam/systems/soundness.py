@@ -146,6 +146,8 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
     )
     yield "belief/covariance", state.belief.covariance.shape, (size, size)
     yield "los", state.los.shape, (anchors,)
+    if state.sight_nats is not None:
+        yield "sight_nats", state.sight_nats.shape, (model.senders,)
     for name in ("clutter", "listened", "turn", "turn_weight"):
         yield f"calibration/{name}", getattr(state.calibration, name).shape, (model.senders,)
     yield from shapes_of_bank(state.surfaces, "surfaces", anchors)

@@ -8,6 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam.inference.management.sole_sight import as_far_as_told, sights_heard
 from gridslam.inference.state.population import Population
+from gridslam.systems.soundness import require_sound
 from gridslam.world.start import assumed_start
 
 FIRST, SECOND = 0, 1
@@ -139,3 +140,22 @@ def test_an_agent_that_hears_one_anchor_in_sight_claims_no_more_than_it_knows():
         last.append(np.linalg.norm(off[-1]))
     assert np.median(squared) < 4.0  # 2 is right
     assert np.median(last) < 0.05
+
+
+def test_a_checkpoint_keeps_what_waits_and_one_of_other_anchors_is_refused(tmp_path):
+    scene = two_rooms(8)
+    slam, table = started(scene), gs.simulate(scene, "cart", seed=3)
+    for number in range(4):
+        slam.step(table.scan(number))
+    state = slam.population.best
+    assert state.turn_variance is not None
+    assert state.sight_nats.shape == (2,)
+    slam.save(tmp_path / "held.h5")
+    resumed = gs.AdaptiveSlam.resume(tmp_path / "held.h5")
+    for number in range(4, 8):
+        ours, theirs = slam.step(table.scan(number)), resumed.step(table.scan(number))
+        np.testing.assert_array_equal(ours.covariance, theirs.covariance)
+    with pytest.raises(gs.InputError, match="sight_nats"):
+        require_sound(replace(state, sight_nats=np.zeros(3)), slam.model, "file")
+    with pytest.raises(gs.InputError, match="turn_anchor"):
+        require_sound(replace(state, turn_anchor=2), slam.model, "file")
