@@ -164,6 +164,7 @@ def challenged(
     blank = replace(
         fresh, calibration=state.calibration, monitor=state.monitor, step=state.step,
         next_identity=state.next_identity, turn_variance=None if state.turn_variance is None else ANY,
+        turn_anchor=state.turn_anchor, sight_nats=state.sight_nats,
     )  # fmt: skip
     rivals = branches_of(blank, leading(modes, alone, population), velocity)
     if len(state.surfaces):

@@ -179,6 +179,11 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     here = np.linalg.norm(poses(several)[1:, :2] - track.position_m[20], axis=1)
     sizes = [len(state.surfaces) for state, off in zip(several.states[1:], here, strict=True) if off < 0.3]
     assert sorted(sizes) == [0, len(wrong.surfaces)]
+    held = replace(lost.best, turn_variance=0.01, turn_anchor=1, sight_nats=np.array([2.0, 0.0]))
+    about = challenged(replace(lost, states=(held,)), scans[20], start(model), model, slam.work).states
+    assert len(about) > 1
+    assert {one.turn_anchor for one in about} == {1}, "about the anchor that is held"
+    assert all(one.sight_nats is held.sight_nats for one in about)
     right = challenged(replace(lost, states=(slam.state,)), scans[20], start(model), model, slam.work)
     near = np.linalg.norm(poses(right)[:, :2] - track.position_m[20], axis=1)
     assert np.count_nonzero(near < 0.3) == 1, "what is believed already is no challenge"
