@@ -17,6 +17,9 @@ stands among them: doubt about where a wall is leaves bands and specks behind it
 PAST_ENDS_M = 0.3
 """Walls part free cells a bit beyond their ends, too: the corner of a room is seldom hit."""
 SURELY_CROSSED_NAT = -3.0
+ACROSS_CELLS = np.linspace(-2.5, 2.5, 11)
+"""Where cells are asked whether rays crossed a line. Those next to it are not enough: rays run along either
+side of a wall between two rows of cells at a slant, and free both rows over a metre without ever crossing."""
 CROSSED_NAT = -0.7
 """Evidence of cells that a planner may take for free: their odds were halved. Far more were touched by the
 outermost rays of vague paths, also behind walls that were never heard, and learned next to nothing of."""
@@ -31,12 +34,12 @@ def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:
     walls : WallSegments or None
         Occupied, too, whatever the cells say; unknown are then free cells that paths hardly told anything of,
         those that no path reached but through a wall, and those between two stretches of one surface unless
-        rays surely crossed them. None: the cells alone.
+        rays surely crossed the line there. None: the cells alone.
     """
     occupied, free = grid.occupied.copy(), grid.free
     if walls is not None:
         occupied |= burnt(grid, walls.ends_m)
-        unproven = burnt(grid, _gaps(walls)) & (grid.evidence > SURELY_CROSSED_NAT)
+        unproven = burnt(grid, _not_crossed(grid, _gaps(walls)))
         told = free & (grid.evidence < CROSSED_NAT)
         free = _seen(grid, told & ~occupied & ~unproven, occupied, walls.ends_m)
     return np.where(occupied, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.uint8)
@@ -46,6 +49,23 @@ def _gaps(walls: WallSegments) -> NDArray[np.float64]:
     """What lies between neighbouring stretches of one surface, (G, 2, 2), m."""
     same = walls.surface[1:] == walls.surface[:-1]
     return np.stack([walls.ends_m[:-1, 1], walls.ends_m[1:, 0]], axis=1)[same]
+
+
+def _not_crossed(grid: MapCells, gaps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Parts of gaps (G, 2, 2) where it isn't sure that rays went from one side to the other, (P, 2, 2), m."""
+    parts = [np.zeros((0, 2, 2))]
+    for start, end in gaps:
+        way = end - start
+        far = max(float(np.hypot(*way)), 1e-9)
+        edge = np.linspace(0, 1, max(1, int(np.ceil(far / (0.5 * grid.cell_m)))) + 1)
+        across = np.array([-way[1], way[0]]) / far * grid.cell_m
+        middle = start + 0.5 * (edge[1:] + edge[:-1])[:, None] * way
+        cell, inside = grid.index(middle[:, None] + ACROSS_CELLS[:, None] * across)
+        cell = np.where(inside[..., None], cell, 0)
+        known = np.where(inside, grid.evidence[cell[..., 0], cell[..., 1]], 0.0)
+        doubtful = known.max(axis=1) > SURELY_CROSSED_NAT
+        parts.append(start + np.stack([edge[:-1], edge[1:]], axis=1)[doubtful][..., None] * way)
+    return np.concatenate(parts)
 
 
 def burnt(grid: MapCells, ends_m: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -104,6 +104,19 @@ def test_opening_that_rays_crossed_splits_a_surface():
     np.testing.assert_allclose(grid.surfaces.extent_m, [[-12, 0]])  # the file's stay as they are
 
 
+@pytest.mark.parametrize(("far_side", "shown"), [(CLEAR, FREE), (DOUBT, UNKNOWN)])
+def test_gap_is_free_for_planners_only_where_rays_went_from_one_side_to_the_other(tmp_path, far_side, shown):
+    """Rays that run along a wall between two rows of cells free both, and never cross it."""
+    grid = changed(street(y=2.0), (0, 12), (2.0, 3.5), CLEAR, observed=True)
+    grid = changed(grid, (0, 12), (1.8, 2.1), DOUBT, 5.0)
+    grid = changed(grid, (4, 5), (1.8, 2.1), CLEAR, 0.0)
+    grid = changed(grid, (4, 5), (2.1, 2.2), far_side, 0.0)
+    np.testing.assert_allclose(stretches(grid), [[0, 4], [5, 12]], atol=0.11)
+    grid.to_nav2(tmp_path)
+    _, values = nav2_load(tmp_path, "map")
+    assert (values[20, 41:49] == shown).all()
+
+
 @pytest.mark.parametrize(
     ("x", "y", "evidence", "hits", "observed", "open_m"),
     [
