@@ -17,6 +17,7 @@ from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
+from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
 from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
@@ -86,6 +87,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work
         )
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
+        births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, born = representation.add_births(  # eq. (25)
             state, births, anchor_scan, exchange, radio, model, work=work
         )

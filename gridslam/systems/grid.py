@@ -18,6 +18,7 @@ from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.cells import cast_messages, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
 from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
@@ -87,6 +88,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         )
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
+        births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, _ = representation.add_births(  # (M33), (M34)
             state, births, anchor_scan, exchange, radio, model, work=work
         )

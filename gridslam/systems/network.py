@@ -21,6 +21,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
+from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
@@ -164,6 +165,7 @@ def turn(
         )
         state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
+        births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, born = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)

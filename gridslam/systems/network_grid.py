@@ -18,6 +18,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.cells import cast_paths
 from gridslam.inference.messages.clutter import learn_clutter
+from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
@@ -100,6 +101,7 @@ def turn(
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
+        births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)
     return conclude(state, exchanges, calibration_used, model, work)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.health.doubt import Doubt
+from gridslam.inference.health.doubt import ONE_ALONE, Doubt
 from gridslam.inference.health.monitor import SILENT
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.free_turn import ANY
@@ -199,6 +199,11 @@ def anywhere(state: State, model: FilterModel) -> Belief:
 
 
 def leading(modes: Modes, snapshot: Snapshot, population: Population[State]) -> Modes:
-    """The few modes of a complete list that explain the scan better than all present hypotheses do."""
-    better = modes.score > float(snapshot.score(poses(population)).max())
-    return modes.take(np.flatnonzero(better & modes.complete)[:CHALLENGERS])
+    """The few modes of a complete list that explain the scan better than all present hypotheses do.
+
+    Once these are called wrong, all modes of an incomplete list that do so beyond what one measurement says.
+    """
+    gain = modes.score - float(snapshot.score(poses(population)).max())
+    if modes.complete:
+        return modes.take(np.flatnonzero(gain > 0)[:CHALLENGERS])
+    return modes.take(np.flatnonzero((gain > ONE_ALONE) & bool(population.watch.against())))

@@ -1,6 +1,7 @@
 """Doubt about worlds that fit themselves: a fresh start's word against them, and challengers."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,12 +30,13 @@ from gridslam.inference.management.challenge import (
     WITHOUT_AMPLITUDE,
     best_snapshot,
     challenged,
+    leading,
     loud_of,
     snapshot_of,
     watched,
 )
 from gridslam.inference.management.mixture import poses
-from gridslam.inference.management.poses.pose_search import POSE
+from gridslam.inference.management.poses.pose_search import POSE, Modes
 from gridslam.inference.state.anchor_measurements import split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.simulation.image_source import simulate_labelled, true_paths
@@ -194,6 +196,19 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     off = np.linalg.norm(after.state.belief.mean[:2] - track.position_m[30])
     assert off < 0.15
     assert len(after.state.surfaces) >= 4
+
+
+def test_a_list_that_lacks_places_challenges_only_what_is_called_wrong(mapped):
+    """And by all places that no single measurement stands for, where a complete one names three."""
+    score = np.array([40.0, 39.0, 38.0, 37.0, ONE_ALONE - 1, -5.0])
+    modes = Modes(np.zeros((6, 3)), np.tile(np.eye(3), (6, 1, 1)), np.zeros(6), score, complete=False)
+    snapshot = SimpleNamespace(score=lambda poses: np.zeros(len(poses)))
+    calm = Population((mapped[0].state,))
+    called = replace(calm, watch=Doubt(elsewhere=ELSEWHERE + 1))
+    assert not len(leading(modes, snapshot, calm))
+    assert leading(modes, snapshot, called).score.tolist() == score[:4].tolist()
+    whole = replace(modes, complete=True)
+    assert leading(whole, snapshot, calm).score.tolist() == score[:3].tolist()
 
 
 def test_an_agent_out_of_sight_is_found_by_the_map_where_a_scan_alone_fits_too_many_places(mapped, scene):

@@ -1,0 +1,141 @@
+"""Births that a double bounce may explain as well, put off until departures tell; docs/model.md, (M516).
+
+What is heard over a corner of two walls arrives as if from behind one wall, for good: that a mirror there
+would send it out in another direction is all that speaks against one. Where the pose is vague, it gives way
+instead, and is pulled along by a wall that isn't there. The mean of all departures from the same image, as
+far as they were left unexplained, tells which of the two it is. Ours.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.messages.births import Births
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.state.layout import HEADING
+from gridslam.inference.state.leftovers import Leftovers
+from gridslam.inference.state.state import State
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import level_of, unit, wrap
+from gridslam.world.radio import RadioModel
+
+KNOWN_M = 0.1
+"""Standard deviation of the position (both axes) up to which a birth moves the agent by little."""
+LEAST_ODDS = 1.0
+"""Nats by which departures have to speak for a mirror."""
+CORNERS = 0.5
+"""Of double bounces, how many come from right angles; the others depart in any direction."""
+REACH, SLACK_M = 3.0, 0.1
+"""Deviations within which two images are one, and what is added to them."""
+NEAR_M = 0.1
+"""Lengths are not taken to be shorter."""
+POSE = np.array([0, 1, HEADING])
+
+
+def put_off_double_bounces(
+    births: Births, state: State, scan: AnchorScan, radio: RadioModel, model: FilterModel
+) -> Births:
+    """The births without single bounces that may well be double ones, while the position is vague.
+
+    Their measurements stay as new as they were: something unknown sent them, and they are left over. Where
+    clocks are unknown, (M491) judges births instead.
+    """
+    x, y = state.belief.covariance.diagonal()[:2].tolist()
+    if not len(births) or model.max_bounces < 2 or state.belief.clocks or x + y <= KNOWN_M**2:
+        return births
+    alone = (births.hit < 0).all(1) & np.isfinite(scan.value[births.measurement, 1])
+    if not alone.any():
+        return births
+    odds: dict[tuple[int, int], float] = {}
+    for m, anchor in zip(births.measurement[alone].tolist(), births.anchor[alone].tolist(), strict=True):
+        odds[m, anchor] = mirror_odds(m, anchor, state, scan, radio, model)
+    pairs = zip(births.measurement.tolist(), births.anchor.tolist(), strict=True)
+    doubtful = [odds.get(pair, LEAST_ODDS) < LEAST_ODDS for pair in pairs]
+    keep = np.flatnonzero(~(alone & np.array(doubtful)))
+    if len(keep) == len(births):
+        return births
+    return replace(
+        births, measurement=births.measurement[keep], hit=births.hit[keep], line=births.line[keep],
+        ratio=births.ratio[keep], anchor=births.anchor[keep],
+    )  # fmt: skip
+
+
+def mirror_odds(
+    m: int, anchor: int, state: State, scan: AnchorScan, radio: RadioModel, model: FilterModel
+) -> float:
+    """Log odds of a single bounce against a double one, by departures to one image, nats; (M516).
+
+    Parameters
+    ----------
+    m : int
+        A measurement of both angles.
+    anchor : int
+        Which may have sent it.
+    """
+    belief, (x, y, facing, height) = state.belief, model.places[anchor, :4].tolist()
+    level = np.array([radio.threshold if np.isnan(scan.amplitude[m]) else scan.amplitude[m]])
+    std = deviations(scan, np.array([m]), level, scan.value[[m], 1:], radio)
+    pose, value, std = _alike(belief.mean[POSE], scan.value[m], std[0], state.leftovers, anchor, height)
+    image, shape = _images(pose, value, std, height)
+    certain = np.linalg.inv(shape)
+    spread = np.linalg.inv(certain.sum(0))
+    middle = spread @ (certain @ image[..., None]).sum(0)[:, 0]
+
+    from_anchor = middle - [x, y]
+    apart = max(float(np.hypot(*from_anchor)), NEAR_M)
+    normal = float(np.arctan2(from_anchor[1], from_anchor[0]))
+    towards = np.arctan2(*(middle - pose[:, :2]).T[::-1])
+    departing, weight = value[:, 1] + facing, std[:, 1] ** -2
+    by_mirror = _mean(wrap(departing - (2 * normal - towards)), weight)
+    by_corner = _mean(wrap(departing - towards), weight)
+
+    # how predicted departures follow the image, and the pose with which it moves
+    length = max(float(np.mean(level_of(value[:, 0], height))), NEAR_M)
+    across = unit(_mean(towards, weight) + 0.5 * np.pi)
+    tangent = unit(normal + 0.5 * np.pi) / apart
+    turned = 2 * length * float(across @ tangent) - 1
+    by_image, by_pose = 2 * tangent - across / length, np.append(2 * tangent, turned)
+    noise, known = 1 / weight.sum(), belief.covariance[np.ix_(POSE, POSE)]
+    mirror = noise + by_image @ spread @ by_image + by_pose @ known @ by_pose
+    corner = noise + across @ spread @ across / length**2 + known[2, 2]
+    double = CORNERS * _normal(by_corner, corner) + (1 - CORNERS) / (2 * np.pi)
+    return float(np.log(max(_normal(by_mirror, mirror), 1e-300)) - np.log(double))
+
+
+def _alike(
+    pose: Array, value: Array, std: Array, left: Leftovers | None, anchor: int, height: float
+) -> tuple[Array, Array, Array]:
+    """Poses, values and deviations (K, 3) of a measurement and of leftovers of the same image, one a step."""
+    poses, values, stds = pose[None], value[None], std[None]
+    if left is None or not len(left):
+        return poses, values, stds
+    rows = np.flatnonzero((left.anchor == anchor) & np.isfinite(left.value).all(1))
+    poses = np.concatenate([poses, left.pose[left.back[rows]]])
+    values, stds = np.concatenate([values, left.value[rows]]), np.concatenate([stds, left.std[rows]])
+    image, shape = _images(poses, values, stds, height)
+    gap = image[1:] - image[0]
+    far = np.einsum("ki,kij,kj->k", gap, np.linalg.inv(shape[1:] + shape[0] + SLACK_M**2 * np.eye(2)), gap)
+    order = np.argsort(far, kind="stable")
+    order = order[far[order] < REACH**2]
+    _, nearest = np.unique(left.back[rows[order]], return_index=True)
+    chosen = np.concatenate([[0], 1 + order[nearest]])
+    return poses[chosen], values[chosen], stds[chosen]
+
+
+def _images(pose: Array, value: Array, std: Array, height: float) -> tuple[Array, Array]:
+    """Where measurements (K, 3) seem to come from, (K, 2), and covariances without the pose's."""
+    length, arriving = np.maximum(level_of(value[:, 0], height), NEAR_M), pose[:, 2] + value[:, 2]
+    axes = np.stack([unit(arriving), unit(arriving + 0.5 * np.pi)], axis=1)
+    own = np.stack([std[:, 0], length * std[:, 2]], axis=1)
+    return pose[:, :2] + length[:, None] * axes[:, 0], np.einsum("ka,kai,kaj->kij", own**2, axes, axes)
+
+
+def _mean(angle: Array, weight: Array) -> float:
+    """Weighted mean of angles (K,)."""
+    return float(np.angle((weight * np.exp(1j * angle)).sum()))
+
+
+def _normal(gap: float, variance: float) -> float:
+    """Density of a normal variable."""
+    return float(np.exp(-0.5 * gap**2 / variance) / np.sqrt(2 * np.pi * variance))
