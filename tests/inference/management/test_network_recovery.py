@@ -9,10 +9,13 @@ from scene_samples import short
 import gridslam as gs
 from gridslam.inference.management.network.recovery import Beacons, log_likelihood, placed_at, proposed_poses
 from gridslam.inference.management.poses.pose_fix import Fix, _log_likelihood, known_sources
+from gridslam.inference.management.poses.pose_recovery import near_any_path, near_paths
 from gridslam.inference.messages.amplitudes import detection_table
+from gridslam.inference.messages.path_prediction import predict_every_path
 from gridslam.inference.state.anchor_measurements import of_all_anchors, split_by_anchor
 from gridslam.simulation.network import simulate_network
 from gridslam.systems.network import NetworkSlam
+from gridslam.world.scan import Scan
 
 AGENTS = ["agent1", "agent2"]
 
@@ -41,6 +44,22 @@ def test_with_labels_and_known_clocks_a_pose_is_as_likely_as_anchor_by_anchor(ro
     np.testing.assert_allclose(log_likelihood(poses, beacons, scans, table, radio), apart, atol=1e-6)
     nobody = replace(scans, label=np.full(len(scans), -1))
     assert (log_likelihood(poses, beacons, nobody, table, radio) >= apart - 1e-6).all()
+
+
+def test_an_agent_that_hears_double_bounces_alone_is_not_lost(room):
+    """They lie near no line of sight and no single bounce, and were taken for another place."""
+    slam, _ = room
+    model, part = slam.model.agents[0], slam.state.part(0)
+    paths = predict_every_path(part, model, work=slam.work[0])
+    twice = np.flatnonzero(paths.rays.bounces == 2)
+    value, anchor = paths.prediction.value[twice].copy(), paths.rays.anchor[twice].copy()
+    scan = of_all_anchors(Scan(9, 1.0, anchor, *value.T, np.full(len(twice), 9.0)), model.radio.threshold)
+    alone, near = near_paths([scan], part, model), near_any_path([scan], part, model, work=slam.work[0])
+    assert near == len(twice) > 4 > alone
+    assert part.monitor.is_lost(near, alone)
+    assert not part.monitor.is_lost(near, near)
+    off = replace(scan, value=scan.value + np.array([1.0, 0.5, -0.5]))
+    assert near_any_path([off], part, model, work=slam.work[0]) < 0.3 * near
 
 
 def test_a_clock_ahead_makes_distances_longer_and_nothing_else(room):

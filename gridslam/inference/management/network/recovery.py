@@ -23,7 +23,13 @@ from gridslam.inference.management.poses.pose_fix import (
     best_pose,
     known_sources,
 )
-from gridslam.inference.management.poses.pose_recovery import PURPOSE, freed, is_vague, near_paths
+from gridslam.inference.management.poses.pose_recovery import (
+    PURPOSE,
+    freed,
+    is_vague,
+    near_any_path,
+    near_paths,
+)
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.layout import AGENT
@@ -119,6 +125,8 @@ def _recovered(
 ) -> NetworkState:  # fmt: skip
     anchor_scan, part = work.once(whole_scan, scan, model), state.part(agent)
     count, near = int(np.count_nonzero(anchor_scan.loud)), near_paths([anchor_scan], part, model)
+    if part.monitor.is_lost(count, near):
+        near = near_any_path([anchor_scan], part, model, work=work)
     vague, lost = is_vague(part.belief), part.monitor.is_lost(count, near)
     if not lost:
         part = replace(part, monitor=part.monitor.followed(count, near))

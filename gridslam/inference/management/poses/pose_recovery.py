@@ -15,7 +15,8 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.amplitudes import detection_table
-from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
+from gridslam.inference.messages.path_prediction import predict_every_path
+from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_of
 from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.inference.state.state import State
@@ -31,6 +32,8 @@ FREEDOM, FREE_TURN = 10.0, 1.0
 """Times the usual acceleration, and turn in rad, that a lost agent may have made."""
 BLUR, TOO_FAR = 3.0, 5.0
 """Widening of a fix; standard deviations at which it counts as a jump."""
+GATE = 4.0
+"""Deviations within which a measurement lies where a path is predicted."""
 
 
 @timed("recovery")
@@ -49,6 +52,8 @@ def recover_pose(
     if not work.recovers or state.samples is not None or (count < ENOUGH and not vague):
         return state
     near = near_paths(scans, state, model)
+    if state.monitor.is_lost(count, near):
+        near = near_any_path(scans, state, model, work=work)
     lost = state.monitor.is_lost(count, near)
     if not lost:
         state = replace(state, monitor=state.monitor.followed(count, near))
@@ -90,6 +95,24 @@ def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) ->
         model.radio.numbers, claimed,
     )  # fmt: skip
     return int(claimed.sum())
+
+
+def near_any_path(scans: Sequence[AnchorScan], state: State, model: FilterModel, *, work: Workspace) -> int:
+    """As `near_paths`, and where a double bounce is predicted: some places hear little else."""
+    paths = predict_every_path(state, model, work=work)
+    value, spread, sender = paths.prediction.value, paths.prediction.spread, paths.rays.anchor
+    variance = np.diagonal(spread, axis1=1, axis2=2)[:, None]
+    claimed = 0
+    for scan in scans:
+        rows = np.flatnonzero(scan.loud)
+        amplitude = np.nan_to_num(scan.amplitude[rows], nan=model.radio.threshold)
+        std = deviations(scan, rows, amplitude, np.nan_to_num(scan.value[rows, 1:]), model.radio)
+        gap = scan.value[rows] - value[:, None]
+        gap[..., 1:] = wrap(gap[..., 1:])
+        off = np.where(np.isfinite(std), gap**2 / (variance + np.minimum(std, 1e6) ** 2), 0.0).sum(-1)
+        may = (scan.label[rows] < 0) | (scan.label[rows] == sender[:, None])
+        claimed += int(np.count_nonzero((may & (off < GATE**2)).any(0)))
+    return claimed
 
 
 def is_vague(belief: Belief) -> bool:
