@@ -160,6 +160,16 @@ class Delays:
         table = np.roll(self.profile[:, ::-1], 1, axis=1) if flipped else self.profile
         return float(_at(table, places.distance_m + shift, half, self.folding_m).mean())
 
+    def middle(self, places: Places, half: float, shift: float) -> float:
+        """Median offset of the peaks within `half` of a shift, m: all shifts up to `half` find them as well."""
+        count = self.profile.shape[1]
+        reach = int(np.ceil(half * count / self.folding_m))
+        about = np.rint((places.distance_m + shift) * count / self.folding_m).astype(int)
+        columns = about[:, None] + np.arange(-reach, reach + 1)
+        highest = np.take_along_axis(self.profile, columns % count, 1).argmax(1)
+        peak = np.take_along_axis(columns, highest[:, None], 1)[:, 0] * self.folding_m / count
+        return float(np.median(peak - places.distance_m))
+
 
 def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], waveform: Waveform) -> list[str]:
     """Strongest peak and its SNR, by anchor."""
@@ -201,8 +211,10 @@ def _line_of_sight(
     found = np.array([own.share(places, half, shift) for shift in shifts])
     best = float(shifts[found.argmax()])
     if found.max() > OFFSET_THERE and found.max() > plain + BETTER:
+        for _ in range(2):  # the first look may have cut some off
+            best = own.middle(places, half, best)
         best = best - waveform.folding_m if best > 0.5 * waveform.folding_m else best
-        off = f"{best:+.3g} m ({1e9 * best / SPEED_OF_LIGHT:+.3g} ns)"
+        off = f"{best:+.3g} m ({1e9 * best / SPEED_OF_LIGHT:+.3g} ns, to within {places.slack_m:.2g} m)"
         lines.append(f"suspect: samples: all delays are off by about {off}: a cable, a clock, a trigger?")
         places = replace(places, distance_m=places.distance_m + best)
     elif plain < THERE:

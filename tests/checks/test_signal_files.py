@@ -122,7 +122,7 @@ def test_a_common_delay_is_named_with_its_size(tmp_path, name, metres):
     (line,) = suspects(path)
     assert "delays are off" in line
     delay = float(line.split("about ")[1].split(" m")[0])
-    assert delay == pytest.approx(metres, abs=0.5)
+    assert delay == pytest.approx(metres, abs=0.1)
 
 
 def test_one_antenna_alone_cannot_tell_conjugation_from_falling_frequencies(tmp_path):
