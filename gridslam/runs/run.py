@@ -261,6 +261,7 @@ AGENT_KEYS = (
     "surfaces_true",
     "surfaces_false",
     "surface_ospa_m",
+    "surface_gospa_m",
     "reflection_mae",
     "map",
     "health",

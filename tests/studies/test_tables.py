@@ -54,6 +54,11 @@ def test_tables_add_up(scene, tmp_path):
     assert row["nees_in_band"] == 1
     assert row["ray_excess"] == 1
     assert row["image_ospa_m"] == 0.25
+    assert np.isnan(row["surface_gospa_m"]), "of runs that were done before it was counted"
+    scores = [record["agents"][found[0].agent]["scores"] for record in found[0].records]
+    for own, value in zip(scores, (2.5, 0.5, None, 0.0), strict=True):  # None: found nothing by features
+        own["surface_gospa_m"] = value
+    assert summary_rows(found)[0]["surface_gospa_m"] == pytest.approx(1.0)
     for record in found[0].records:  # as of a method that maps no surfaces
         record["agents"][found[0].agent]["scores"]["surfaces_detected"] = None
     bare = summary_rows(found)[0]
