@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from gridslam.drawing.map_figure import FORMATS, encoded, fonts
+from gridslam.drawing.map_figure import FORMATS, encoded
+from gridslam.drawing.widths import fonts
 from gridslam.evaluation.consistency import nees_band
 from gridslam.io.files import write_bytes
 from gridslam.studies.batches import Batch

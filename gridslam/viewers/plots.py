@@ -23,18 +23,17 @@ from gridslam.drawing.map_figure import (
     GREEN,
     ORANGE,
     OUTLINE,
-    PAGE_IN,
     blank,
     colorbar,
     draw_map,
     draw_reflection,
     encoded,
-    fonts,
     frame,
     sized,
     true_walls,
     window_of,
 )
+from gridslam.drawing.widths import PAGE_IN, fonts
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells_heading, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
 from gridslam.evaluation.surface_truth import AudibleSurfaces, false_surfaces
