@@ -28,6 +28,7 @@ from gridslam.studies.looks import (
     log_axis,
     look,
     pale,
+    tell_cut,
     title_of,
 )
 from gridslam.systems.registry import kind_of
@@ -97,7 +98,10 @@ def _resize(figure: Figure, width: float) -> None:
 
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
-    """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c)."""
+    """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c).
+
+    Axes end where errors do after the first steps; errors beyond are told in words.
+    """
     headed = _heading_measured(own)
     figure = blank(8, 6.5 if headed else 3.8)
     panels = figure.subplots(2 if headed else 1, 1, sharex=True, squeeze=False)[:, 0]
@@ -119,6 +123,7 @@ def draw_errors(own: Sequence[Batch]) -> Figure:
         axes.set_ylabel(what)
         settled = min(SETTLED, own[0].rmse(name).shape[-1] // 3)
         fit_axis(axes, "y", scale * np.concatenate([batch.quantiles(name)[1][settled:] for batch in own]))
+        tell_cut(axes, [scale * batch.rmse(name) for batch in own])
     panels[-1].set_xlabel("step")
     legend(figure, panels, [band(SHARE)])
     return figure

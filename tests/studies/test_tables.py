@@ -121,6 +121,16 @@ def test_figures_say_in_their_legends_what_each_line_is(scene, tmp_path):
     assert not {style for style in STYLES if style in (DOTTED, SPARSE)}, "no method looks like a bound"
 
 
+def test_errors_beyond_the_axes_are_told_in_the_figure(scene, tmp_path):
+    found = batches(run_study(plan(scene, 2, agents=("agent1",)), tmp_path / "s", Here()))
+    assert not [text for axes in draw_errors(found).axes for text in axes.texts]
+    found[0].steps["position_error_m"][:, 0] = 0.7  # as of a start that isn't known
+    position, heading = draw_errors(found).axes
+    assert [text.get_text() for text in position.texts] == ["cut off: up to 70, at step 0"]
+    assert position.get_ylim()[1] < 10, "steps after it can be told apart"
+    assert not heading.texts
+
+
 @pytest.mark.parametrize(
     "spoil",
     [
