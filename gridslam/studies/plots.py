@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -32,9 +33,13 @@ from gridslam.studies.looks import (
     title_of,
 )
 from gridslam.systems.registry import kind_of
+from gridslam.world.scene import Scene
+from gridslam.world.scene_derived import surface_names
 
 MOST_SURFACES = 12
 """Panels in the figure of single surfaces; those that are there longest come first."""
+TITLE = 24
+"""Letters of a surface's name in a line."""
 LEAST_M, LEAST_CM, LEAST_DEG = 1e-4, 1e-2, 1e-3
 """Errors below these are drawn as these."""
 ERRORS = ("position_error_m", 100.0, LEAST_CM), ("heading_error_rad", np.degrees(1.0), LEAST_DEG)
@@ -186,8 +191,12 @@ def draw_mospa(own: Sequence[Batch]) -> Figure | None:
 
 
 def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
-    """RMSE of each surface with its bound, and the share of runs that have it ([Li2025adaptive], Fig. 5)."""
-    mark = own[0].benchmark
+    """RMSE of each surface with its bound, and the share of runs that have it ([Li2025adaptive], Fig. 5).
+
+    Surfaces are called as the scene calls their walls.
+    """
+    mark, scene = own[0].benchmark, Scene.from_toml(own[0].variant.scene, own[0].variant.name)
+    names = surface_names(scene.walls, scene.segments())
     chosen = np.sort(np.argsort(mark.surface_since, kind="stable")[:MOST_SURFACES])
     if not len(chosen):
         return None
@@ -219,7 +228,9 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
             [batch.benchmark.unknown.surface_m[:, column] for batch in own],
             "mapping error bound",
         )
-        panel.set(yscale="log", title=f"surface {mark.unknown.surface[column] + 1}")
+        title = fill(names[mark.unknown.surface[column]], TITLE)
+        panel.set_title(title, fontsize="small")
+        panel.set(yscale="log")
         panel.set_ylim(1e-3, 10)
         panel.grid(alpha=0.3)
     figure.supxlabel("step", fontsize="medium")

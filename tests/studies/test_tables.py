@@ -121,6 +121,17 @@ def test_figures_say_in_their_legends_what_each_line_is(scene, tmp_path):
     assert not {style for style in STYLES if style in (DOTTED, SPARSE)}, "no method looks like a bound"
 
 
+def test_figures_call_surfaces_as_the_scene_calls_their_walls(scene, tmp_path):
+    data = scene.model_dump(exclude_none=True)
+    data["walls"][0]["name"] = "the hall of the castle by the sea"
+    named = Scene.checked(data, "tiny")
+    for own, begins in ((named, "the hall of the castle\nby the sea, side "), (scene, "surface ")):
+        found = batches(run_study(plan(own, 1, agents=("agent1",)), tmp_path / begins[:3], Here()))
+        titles = [axes.get_title() for axes in draw_surfaces(found).axes if axes.get_title()]
+        assert titles
+        assert all(title.startswith(begins) for title in titles)
+
+
 def test_errors_beyond_the_axes_are_told_in_the_figure(scene, tmp_path):
     found = batches(run_study(plan(scene, 2, agents=("agent1",)), tmp_path / "s", Here()))
     assert not [text for axes in draw_errors(found).axes for text in axes.texts]
