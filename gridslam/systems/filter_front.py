@@ -248,7 +248,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
 
     @property
     def lost(self) -> bool:
-        """Whether the agent is known to be lost, so that nobody is to go on from its map."""
+        """Whether the filter notices that the agent is lost, so that nobody is to go on from its map."""
         return False
 
     def latest(self) -> dict[str, Any]:
