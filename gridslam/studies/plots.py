@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from gridslam.drawing.map_figure import FORMATS, encoded
 from gridslam.drawing.widths import fonts
 from gridslam.evaluation.consistency import nees_band
-from gridslam.io.files import write_bytes
+from gridslam.io.files import write_files
 from gridslam.studies.batches import Batch
 from gridslam.studies.looks import (
     BOUND,
@@ -59,6 +59,8 @@ def draw_study(
 ) -> list[Path]:
     """Draw the figures of every scene and agent into ``figures/`` and return their paths.
 
+    None is written before all are drawn.
+
     Parameters
     ----------
     directory : Path
@@ -67,21 +69,18 @@ def draw_study(
         ``png``, ``pdf`` or ``svg``.
     width : float, inches
     """
-    folder = directory / "figures"
-    folder.mkdir(exist_ok=True)
     groups: dict[tuple[str, str], list[Batch]] = {}
     for batch in found:
         groups.setdefault((batch.variant.name, batch.agent), []).append(batch)
-    written = []
+    files = {}
     for (scene, agent), own in groups.items():
         for title, draw in DRAWN.items():
             with fonts(width):
                 figure = draw(own)
                 if figure is not None:
-                    written.append(folder / f"{_name(scene, agent, title)}.{form}")
                     _resize(figure, width)
-                    write_bytes(written[-1], encoded(figure, form))
-    return written
+                    files[f"{_name(scene, agent, title)}.{form}"] = encoded(figure, form)
+    return write_files(directory / "figures", files)
 
 
 def drawn_before(directory: Path, found: Sequence[Batch]) -> list[Path]:

@@ -121,6 +121,24 @@ def test_figures_say_in_their_legends_what_each_line_is(scene, tmp_path):
     assert not {style for style in STYLES if style in (DOTTED, SPARSE)}, "no method looks like a bound"
 
 
+def test_drawing_that_is_stopped_leaves_the_figures_of_before(scene, tmp_path, monkeypatch):
+    found = batches(run_study(plan(scene, 1, agents=("agent1",)), tmp_path / "s", Here()))
+    drawn = []
+
+    def content(figure, form):
+        drawn.append(figure)
+        if len(drawn) == 8:
+            raise KeyboardInterrupt
+        return b"first" if len(drawn) < 7 else b"second"
+
+    monkeypatch.setattr("gridslam.studies.plots.encoded", content)
+    written = draw_study(tmp_path / "s", found)
+    assert len(written) == 6
+    with pytest.raises(KeyboardInterrupt):
+        draw_study(tmp_path / "s", found)
+    assert {path.read_bytes() for path in (tmp_path / "s" / "figures").iterdir()} == {b"first"}
+
+
 def test_figures_call_surfaces_as_the_scene_calls_their_walls(scene, tmp_path):
     data = scene.model_dump(exclude_none=True)
     data["walls"][0]["name"] = "the hall of the castle by the sea"
