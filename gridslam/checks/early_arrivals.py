@@ -1,7 +1,7 @@
 """Paths that arrive before a line of sight could, from where a run puts its agent: it was elsewhere.
 
-That needs no map, and tells a filter that is lost and sure of itself, as `va` by distances alone may be in a
-flat: metres off, about every other anchor is nearer in truth.
+The same, at each step, is what health says of itself (`gridslam.inference.health.early_watch`); here, of a
+whole run, by its estimates.
 """
 
 from __future__ import annotations
@@ -13,15 +13,11 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.estimates import Estimate
+from gridslam.inference.health.early_watch import CLUTTER_NAT, DEVIATIONS, LEAST_M
 from gridslam.measurements.table import Measurements
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
-CLUTTER_NAT = 21.0
-"""How unlikely clutter is as loud as a path that counts: its amplitudes are Rayleigh's with a squared scale
-of a half above the threshold, so that e^-21 of them are beyond the root of 21 and the threshold's square."""
-DEVIATIONS, LEAST_M = 4.0, 0.2
-"""By how many deviations of distance and position together, and how much more, a path is too short."""
 LEAST_STEPS = 3
 """Steps below which nothing is said."""
 

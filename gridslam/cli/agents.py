@@ -52,8 +52,10 @@ def agents_of(world: Scene, chosen: list[str] | None, files: Mapping[str | None,
     if not names:
         raise InputError(f"{world.name}: agents", "none", "at least one")
     if measurements and not named and len(names) > 1:
-        allowed = "one agent with --measurements (or --signal NAME=FILE of each)"
-        raise InputError("--agent", ", ".join(names), allowed)
+        file = files[None]
+        found = f"{', '.join(names)}, with one file whose rows don't say whose they are ({file})"
+        allowed = "one agent, a table with a column agent, or --signal NAME=FILE of each"
+        raise InputError("--agent", found, allowed)
     if len(set(names)) < len(names):
         raise InputError("--agent", ", ".join(names), "each agent once")
     for name in names:

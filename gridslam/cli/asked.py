@@ -37,9 +37,10 @@ class RunOptions:
         None
     )
     seed: Annotated[int, typer.Option(min=0)] = 0
-    measurements: Annotated[Path | None, typer.Option(help="CSV, MATLAB or HDF5 file of the one agent")] = (
-        None
-    )
+    measurements: Annotated[
+        Path | None,
+        typer.Option(help="CSV, MATLAB or HDF5 file of the one agent, or of all that --agent names"),
+    ] = None
     signal: Annotated[
         list[str] | None,
         typer.Option(help="FILE of samples, for methods that take them; of several agents in turn NAME=FILE"),

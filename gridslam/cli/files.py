@@ -204,7 +204,8 @@ def plot(
 
         replay(read_run(directory), rerun_to)
         return
-    from gridslam.drawing.map_figure import FORMATS, PAGE_IN
+    from gridslam.drawing.map_figure import FORMATS
+    from gridslam.drawing.widths import PAGE_IN
     from gridslam.viewers.plots import draw_all
 
     if form not in FORMATS:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -59,8 +59,32 @@ def require_map_used(map_file: Path | None, system: type, method: str) -> None:
         raise InputError("--map", found, f"none, or a method that does: {able}")
 
 
+def files_of(asked: Asked, takes: Kind) -> Mapping[str | None, Path]:
+    """Files of what was heard, by agent; None: of the one agent.
+
+    One table of path measurements is that of each agent that was named, if it says whose its rows are.
+
+    Raises
+    ------
+    InputError
+        As `Asked.files`, or the table can't be read at all.
+    """
+    from gridslam.checks.network_tables import is_network
+
+    files, chosen = asked.files(takes), asked.agent or ()
+    file = files.get(None)
+    if takes != "paths" or file is None or len(chosen) < 2 or (file.exists() and not is_network(file)):
+        return files
+    return dict.fromkeys(chosen, file)
+
+
 def recorded(
-    world: Scene, file: Path | None, truth: Path | None, takes: Kind, agent: str | None = None
+    world: Scene,
+    file: Path | None,
+    truth: Path | None,
+    takes: Kind,
+    agent: str | None = None,
+    shared: bool = False,
 ) -> Observations | None:
     """What was heard by a file, with the truth that goes with it.
 
@@ -68,6 +92,8 @@ def recorded(
     ----------
     agent : str, optional
         Whose rows are taken of a table of several agents' path measurements; without it there may be one.
+    shared : bool
+        Whether others take theirs of it, so that it can't be all of one agent's.
 
     Raises
     ------
@@ -93,7 +119,7 @@ def recorded(
             check_anchors(world, received)
         return with_truth(received, track, where)
     with_offsets = world.clocks is not None
-    own = None if agent is None else own_rows(file, world.anchor_names, agent, with_offsets)
+    own = None if agent is None else own_rows(file, world.anchor_names, agent, with_offsets, shared)
     measurements = Measurements.load(file, world.anchor_names, with_offsets) if own is None else own
     with located(file):
         check_anchors(world, measurements)
@@ -128,7 +154,7 @@ def noted() -> Iterator[list[str]]:
         warnings.showwarning = shown
 
 
-def refuse_without_distances(method: str, heard: Mapping[Path, Observations]) -> None:
+def refuse_without_distances(method: str, heard: Iterable[tuple[Path, Observations]]) -> None:
     """Refuse tables in which no row has a distance; methods of one's own may do without.
 
     Raises
@@ -140,14 +166,16 @@ def refuse_without_distances(method: str, heard: Mapping[Path, Observations]) ->
     from gridslam.measurements.table import Measurements
     from gridslam.world.columns import require_distances
 
-    for file, own in heard.items():
+    for file, own in heard:
         if isinstance(own, Measurements) and method in METHODS:
             with located(file):
                 require_distances(own.columns)
 
 
-def own_rows(file: Path, anchors: Sequence[str], agent: str, with_offsets: bool) -> Measurements | None:
-    """One agent's rows of a table of several; None if it is one agent's.
+def own_rows(
+    file: Path, anchors: Sequence[str], agent: str, with_offsets: bool, shared: bool = False
+) -> Measurements | None:
+    """One agent's rows of a table of several; None if it is one agent's, and not `shared` with others.
 
     Raises
     ------
@@ -161,7 +189,7 @@ def own_rows(file: Path, anchors: Sequence[str], agent: str, with_offsets: bool)
     if not is_network(file):
         return None
     several = NetworkMeasurements.load(file, anchors, None, with_offsets)
-    if len(several.agents) < 2:
+    if len(several.agents) < 2 and not shared:
         return None
     if agent not in several.agents:
         raise InputError(f"{file}: agent", f"no row of {agent!r}", ", ".join(several.agents))
@@ -203,7 +231,7 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
     if not files:
         return {}
     known = []
-    for file in files:
+    for file in dict.fromkeys(files):
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
         known.append({"file": file.name, "sha256": digest})

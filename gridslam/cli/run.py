@@ -15,6 +15,7 @@ from gridslam.cli.asked import Asked, RunOptions
 from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, radio_notes, silence_notes
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
+    files_of,
     hints,
     noted,
     recorded,
@@ -71,7 +72,7 @@ def _run_in_turn(asked: Asked) -> None:
 
     world, method = asked.world, asked.method
     takes = taken_by(method_class(method, "--method"))
-    files = asked.files(takes)
+    files = files_of(asked, takes)
     names = agents_of(world, asked.agent, files)
     by_name = {name or names[0]: path for name, path in files.items()}
     file = by_name.get(names[0])
@@ -86,14 +87,15 @@ def _run_in_turn(asked: Asked) -> None:
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
         tracks = asked.tracks(names)
+        shared = len(set(by_name.values())) < len(by_name)
         whose = {name: name if asked.agent else None for name in names}
         with noted() as read:
             every = {
-                name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name])
+                name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name], shared)
                 for name in names
             }
         known = {name: own for name, own in every.items() if own is not None}
-        refuse_without_distances(method, {by_name[name]: own for name, own in known.items()})
+        refuse_without_distances(method, [(by_name[name], own) for name, own in known.items()])
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (
             fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from html import escape
 from typing import Any, Protocol
 
@@ -26,6 +25,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.drawing.anchor_labels import anchors
+from gridslam.drawing.widths import PAGE_IN, WIDE_IN
 from gridslam.estimate_tables import HypothesisEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.world.geometry import unit
@@ -37,10 +37,6 @@ BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 CELLS = ("free", "#ffffff"), ("unexplored", "#d9d9d9"), ("occupied", "#4d4d4d")
 MARGIN = 0.03
 """Of the larger side of what is shown, around it."""
-PAGE_IN, COLUMN_IN = 7.2, 3.5
-"""Widths of a journal's page and of one of its two columns, inches."""
-WIDE_IN = 5.0
-"""From which width on there is room for large letters."""
 FORMATS = ("png", "pdf", "svg")
 STILL: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 """No time of drawing in a file: the same run gives the same figures."""
@@ -189,11 +185,6 @@ def inlined(figure: Figure, title: str) -> str:
     code = base64.b64encode(encoded(figure)).decode("ascii")
     image = f'<img style="max-width:44rem" alt="{escape(title)}" src="data:image/png;base64,{code}">'
     return f"<p>{escape(title)}</p>{image}"
-
-
-def fonts(width: float) -> AbstractContextManager[None]:
-    """While it lasts, figures get letters that suit a width in inches."""
-    return rc_context({"font.size": 10 if width > WIDE_IN else 7})
 
 
 def blank(width: float, height: float) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SurfaceEstimate
-from gridslam.evaluation.metrics import OSPA_CUTOFF_M, ospa
+from gridslam.evaluation.metrics import OSPA_CUTOFF_M, gospa, ospa
 from gridslam.simulation.image_source import Truth
 from gridslam.world.geometry import line_through, sfv
 
@@ -82,15 +82,26 @@ class AudibleSurfaces:
         that paths of this anchor hit, and the mean is taken over the anchors that have either: else each
         wall that two anchors found would count as a wall and a ghost.
         """
+        return self._compared(ospa, found, step)
+
+    def gospa(self, found: SurfaceEstimate, step: int = NEVER - 1) -> float:
+        """GOSPA [Rahmathullah2017gospa] of the same sets (5 m, order 1, alpha 2), m, anchor by anchor, too.
+
+        It is a sum: distances of the surfaces that are found, and 2.5 m for each that is missing or false.
+        """
+        return self._compared(gospa, found, step)
+
+    def _compared(self, metric: Callable[..., float], found: SurfaceEstimate, step: int) -> float:
+        """A distance of found surfaces from those there at a step, m."""
         there = self.since <= step
         if not (found.owner >= 0).any():
-            return self._distance(found.sfv_m, np.asarray(there.any(1)))
+            return self._distance(metric, found.sfv_m, np.asarray(there.any(1)))
         each = []
         for anchor in np.union1d(np.arange(there.shape[1]), found.owner[found.owner >= 0]):
             own = there[:, anchor] if anchor < there.shape[1] else np.zeros(len(there), bool)
             mine = (found.owner == anchor) | (found.owner < 0)
             if own.any() or mine.any():
-                each.append(self._distance(found.sfv_m[mine], own))
+                each.append(self._distance(metric, found.sfv_m[mine], own))
         return float(np.mean(each))
 
     def matched(self, found: SurfaceEstimate) -> int:
@@ -110,8 +121,8 @@ class AudibleSurfaces:
         distance = np.linalg.norm(found.sfv_m[:, None] - self.every, axis=-1)
         return np.asarray(distance.min(1, initial=np.inf) >= MATCHED_M)
 
-    def _distance(self, found: Array, there: NDArray[np.bool_]) -> float:
-        """OSPA against some of the surfaces; of a curved wall, the facets that lines were found for."""
+    def _distance(self, metric: Callable[..., float], found: Array, there: NDArray[np.bool_]) -> float:
+        """Distance from some of the surfaces; of a curved wall, the facets that lines were found for."""
         from scipy.optimize import linear_sum_assignment
 
         feature, curve = self.feature[there], self.curve[there]
@@ -121,7 +132,7 @@ class AudibleSurfaces:
         wanted[whom[distance[which, whom] < OSPA_CUTOFF_M]] = True
         for wall in np.setdiff1d(curve, curve[wanted]):
             wanted[np.argmax(curve == wall)] = True  # missed: once
-        return ospa(found, feature[wanted], OSPA_CUTOFF_M, 1.0)
+        return metric(found, feature[wanted], OSPA_CUTOFF_M, 1.0)
 
 
 def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) -> Array:
@@ -147,7 +158,7 @@ def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) ->
 
 
 def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | int]:
-    """Compare detected surfaces with all that the truth's paths hit: how many, how many found, the OSPA.
+    """Compare detected surfaces with all that the truth's paths hit: how many, how many found, how far off.
 
     Several found at the facets of one curved wall count once as matched, and none of them as false.
     """
@@ -157,6 +168,7 @@ def surface_scores(found: SurfaceEstimate, truth: Truth) -> dict[str, float | in
         "surfaces_true": audible.count(),
         "surfaces_false": int(audible.false(found).sum()),
         "surface_ospa_m": audible.ospa(found),
+        "surface_gospa_m": audible.gospa(found),
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -83,6 +84,38 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
             part.unlink(missing_ok=True)
     except OSError as error:
         raise cannot_write(path, error) from error
+
+
+def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
+    """Write files of a folder, which is made if need be; they are written aside and then get their names.
+
+    Parameters
+    ----------
+    folder : Path
+        One whose parent is there; other files in it stay.
+    contents : mapping of str to bytes
+        By name.
+
+    Raises
+    ------
+    InputError
+        The folder is read-only, or the disk is full; no file is left behind, and none is replaced.
+    """
+    part = beside(folder)
+    try:
+        try:
+            shutil.rmtree(part, ignore_errors=True)
+            part.mkdir()
+            for name, content in contents.items():
+                (part / name).write_bytes(content)
+            folder.mkdir(exist_ok=True)
+            for name in contents:
+                put_in_place(part / name, folder / name)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
+    return [folder / name for name in contents]
 
 
 @contextmanager

@@ -107,7 +107,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     notes = [f"{where}: names no frame; taken for {scene.frame}, by its anchors"] if unnamed else []
     notes += [f"{where}: whoever made it was told the {grid.truth_given}"] if grid.truth_given else []
     if grid.lost:
-        notes.append(f"{where}: {grid.lost} was lost in the end, so nobody goes on from it")
+        notes.append(f"{where}: {grid.lost} noticed in the end that it was lost, so nobody goes on from it")
     if on_grid is not grid:
         sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, on_grid)]
         notes.append(f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}")
@@ -115,7 +115,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
 
 
 def refuse_lost(maps: Sequence[Map], names: Sequence[str]) -> None:
-    """Refuse maps whose maker was lost when it ended.
+    """Refuse maps whose maker noticed in the end that it was lost.
 
     Parameters
     ----------
@@ -130,7 +130,8 @@ def refuse_lost(maps: Sequence[Map], names: Sequence[str]) -> None:
     """
     for grid, name in zip(maps, names, strict=True):
         if grid.lost:
-            raise InputError(name, f"a map of {grid.lost}, lost in the end", "one of agents that weren't")
+            found = f"a map of {grid.lost}, which noticed in the end that it was lost"
+            raise InputError(name, found, "one of agents that didn't")
 
 
 def require_one_frame(maps: Sequence[Map], names: Sequence[str], same_frame: bool = False) -> None:

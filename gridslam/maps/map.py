@@ -75,7 +75,7 @@ class Map(MapCells):
         points = 0 if self.features is None else len(self.features)
         learned = f", {counted(points, 'feature')} (points that paths seem to come from)" if points else ""
         learned += f"; told the {self.truth_given}" if self.truth_given else ""
-        learned += f"; {self.lost} was lost" if self.lost else ""
+        learned += f"; {self.lost} noticed that it was lost" if self.lost else ""
         twice = repeated_run(self)
         learned += f"; holds {twice} twice: nobody goes on from it" if twice else ""
         return (

@@ -124,7 +124,11 @@ class MapCells:
 
     @property
     def lost(self) -> str:
-        """Which of the agents that made it were lost when they ended: nobody goes on from it; mostly none."""
+        """Which of the agents that made it noticed in the end that they were lost: nobody goes on from it.
+
+        Hybrid SLAM alone notices, by paths that arrive before its lines of sight. Of any other map it is
+        empty, though the maker may have been lost by its true track, as notes of `run` say.
+        """
         return self._names("lost")
 
     def _names(self, key: str) -> str:

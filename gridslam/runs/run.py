@@ -83,7 +83,12 @@ class Run:
         whole = f", unwell at {counted(unwell, 'step')}{whole}" if unwell else whole
         return f"<Run of {who}: {size}{whole}>"
 
-    def plot(self, truth: Truth | Trajectory | None = None, earlier: Sequence[Truth] = ()) -> Figure:
+    def plot(
+        self,
+        truth: Truth | Trajectory | None = None,
+        earlier: Sequence[Truth] = (),
+        width_cm: float | None = None,
+    ) -> Figure:
         """A figure of the map and the track, with the true track if there is one.
 
         Parameters
@@ -92,6 +97,9 @@ class Run:
             A Truth tells which surfaces lie where no wall is, too.
         earlier : sequence of Truth
             As in `score`; the figure is the same without them.
+        width_cm : float, optional
+            Of the figure, cm, from 5 to 50, as ``gridslam plot --width``: 8.8 suits a column of a paper, and
+            letters follow. Default: 18.3.
 
         Returns
         -------
@@ -101,16 +109,24 @@ class Run:
         Raises
         ------
         InputError
-            The truth, or one of the earlier ones, is none or that of another scene.
+            The truth, or one of the earlier ones, is none or that of another scene, or no such width.
         """
-        from gridslam.drawing.map_figure import draw_map
+        from gridslam.drawing.map_figure import draw_map, fit_legends
+        from gridslam.drawing.widths import fonts, inches
         from gridslam.evaluation.surface_truth import false_surfaces
         from gridslam.simulation.image_source import Truth
 
         track, false = self._own_track(truth, earlier), None
         if isinstance(truth, Truth):
             false = false_surfaces(self.map.surfaces, truth)
-        return draw_map(self.map, self.scene, self.trajectory, track, self.estimates, false=false)
+        shown = self.map, self.scene, self.trajectory, track, self.estimates
+        if width_cm is None:  # letters are the user's
+            return draw_map(*shown, false=false)
+        width = inches(width_cm)
+        with fonts(width):
+            figure = draw_map(*shown, width, false)
+            fit_legends(figure)
+        return figure
 
     def _repr_html_(self) -> str:
         from gridslam.drawing.map_figure import inlined
@@ -261,6 +277,7 @@ AGENT_KEYS = (
     "surfaces_true",
     "surfaces_false",
     "surface_ospa_m",
+    "surface_gospa_m",
     "reflection_mae",
     "map",
     "health",

@@ -163,6 +163,14 @@ class Batch:
         return float(np.mean(own)) if own and self._maps_late else float(told)
 
     @property
+    def surface_gospa_m(self) -> float:
+        """GOSPA distance of surfaces at the end, mean over the runs, m; NaN if one wasn't counted."""
+        scores = [record["agents"][self.agent]["scores"] for record in self.records]
+        own = [one["surface_gospa_m"] for one in scores if one.get("surface_gospa_m") is not None]
+        counted = all("surface_gospa_m" in one for one in scores)
+        return float(np.mean(own)) if own and counted else float("nan")
+
+    @property
     def band(self) -> tuple[float, float]:
         """95 % band of the mean position NEES of consistent runs."""
         return nees_band(self.runs, 2)

@@ -70,6 +70,15 @@ def fit_axis(axes: Axes, which: str, errors: NDArray[Any]) -> None:
         axes.set(**{f"{which}lim": (0, 1.15 * float(errors.max()))})
 
 
+def tell_cut(axes: Axes, errors: Sequence[NDArray[Any]]) -> None:
+    """Say above the axes how far errors (N,), one array a line, go beyond them, and at which step most."""
+    known = [np.where(np.isfinite(values), values, 0.0) for values in errors]
+    most, step = max((float(values.max()), int(values.argmax())) for values in known)
+    if most > axes.get_ylim()[1]:
+        where: dict[str, Any] = {"transform": axes.transAxes, "fontsize": "small"}
+        axes.text(1, 1.02, f"cut off: up to {most:.3g}, at step {step}", ha="right", va="bottom", **where)
+
+
 def log_axis(axes: Axes) -> None:
     """A logarithmic axis upwards, with plain numbers."""
     axes.set_yscale("log")

@@ -5,15 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from gridslam.drawing.map_figure import FORMATS, encoded, fonts
+from gridslam.drawing.map_figure import FORMATS, encoded
+from gridslam.drawing.widths import fonts
 from gridslam.evaluation.consistency import nees_band
-from gridslam.io.files import write_bytes
+from gridslam.io.files import write_files
 from gridslam.studies.batches import Batch
 from gridslam.studies.looks import (
     BOUND,
@@ -27,12 +29,17 @@ from gridslam.studies.looks import (
     log_axis,
     look,
     pale,
+    tell_cut,
     title_of,
 )
 from gridslam.systems.registry import kind_of
+from gridslam.world.scene import Scene
+from gridslam.world.scene_derived import surface_names
 
 MOST_SURFACES = 12
 """Panels in the figure of single surfaces; those that are there longest come first."""
+TITLE = 24
+"""Letters of a surface's name in a line."""
 LEAST_M, LEAST_CM, LEAST_DEG = 1e-4, 1e-2, 1e-3
 """Errors below these are drawn as these."""
 ERRORS = ("position_error_m", 100.0, LEAST_CM), ("heading_error_rad", np.degrees(1.0), LEAST_DEG)
@@ -52,6 +59,8 @@ def draw_study(
 ) -> list[Path]:
     """Draw the figures of every scene and agent into ``figures/`` and return their paths.
 
+    None is written before all are drawn.
+
     Parameters
     ----------
     directory : Path
@@ -60,21 +69,18 @@ def draw_study(
         ``png``, ``pdf`` or ``svg``.
     width : float, inches
     """
-    folder = directory / "figures"
-    folder.mkdir(exist_ok=True)
     groups: dict[tuple[str, str], list[Batch]] = {}
     for batch in found:
         groups.setdefault((batch.variant.name, batch.agent), []).append(batch)
-    written = []
+    files = {}
     for (scene, agent), own in groups.items():
         for title, draw in DRAWN.items():
             with fonts(width):
                 figure = draw(own)
                 if figure is not None:
-                    written.append(folder / f"{_name(scene, agent, title)}.{form}")
                     _resize(figure, width)
-                    write_bytes(written[-1], encoded(figure, form))
-    return written
+                    files[f"{_name(scene, agent, title)}.{form}"] = encoded(figure, form)
+    return write_files(directory / "figures", files)
 
 
 def drawn_before(directory: Path, found: Sequence[Batch]) -> list[Path]:
@@ -96,7 +102,10 @@ def _resize(figure: Figure, width: float) -> None:
 
 
 def draw_errors(own: Sequence[Batch]) -> Figure:
-    """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c)."""
+    """Position and heading RMSE over time, 80 % of runs, bounds ([Li2025adaptive], Figs. 6b, 6c).
+
+    Axes end where errors do after the first steps; errors beyond are told in words.
+    """
     headed = _heading_measured(own)
     figure = blank(8, 6.5 if headed else 3.8)
     panels = figure.subplots(2 if headed else 1, 1, sharex=True, squeeze=False)[:, 0]
@@ -118,6 +127,7 @@ def draw_errors(own: Sequence[Batch]) -> Figure:
         axes.set_ylabel(what)
         settled = min(SETTLED, own[0].rmse(name).shape[-1] // 3)
         fit_axis(axes, "y", scale * np.concatenate([batch.quantiles(name)[1][settled:] for batch in own]))
+        tell_cut(axes, [scale * batch.rmse(name) for batch in own])
     panels[-1].set_xlabel("step")
     legend(figure, panels, [band(SHARE)])
     return figure
@@ -180,8 +190,12 @@ def draw_mospa(own: Sequence[Batch]) -> Figure | None:
 
 
 def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
-    """RMSE of each surface with its bound, and the share of runs that have it ([Li2025adaptive], Fig. 5)."""
-    mark = own[0].benchmark
+    """RMSE of each surface with its bound, and the share of runs that have it ([Li2025adaptive], Fig. 5).
+
+    Surfaces are called as the scene calls their walls.
+    """
+    mark, scene = own[0].benchmark, Scene.from_toml(own[0].variant.scene, own[0].variant.name)
+    names = surface_names(scene.walls, scene.segments())
     chosen = np.sort(np.argsort(mark.surface_since, kind="stable")[:MOST_SURFACES])
     if not len(chosen):
         return None
@@ -213,7 +227,9 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
             [batch.benchmark.unknown.surface_m[:, column] for batch in own],
             "mapping error bound",
         )
-        panel.set(yscale="log", title=f"surface {mark.unknown.surface[column] + 1}")
+        title = fill(names[mark.unknown.surface[column]], TITLE)
+        panel.set_title(title, fontsize="small")
+        panel.set(yscale="log")
         panel.set_ylim(1e-3, 10)
         panel.grid(alpha=0.3)
     figure.supxlabel("step", fontsize="medium")

@@ -75,8 +75,8 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
     """One row per method: the errors and their ratio to the bounds once settled (after step 50).
 
     ``nees_in_band``: share of all steps whose mean position NEES lies in the 95 % band;
-    ``surface_ospa_m``: mean at the end; ``image_ospa_m``: that of the virtual anchors, mean once settled;
-    both are NaN for methods that map no surfaces;
+    ``surface_ospa_m``, ``surface_gospa_m``: mean at the end; ``image_ospa_m``: OSPA of the virtual anchors,
+    mean once settled; all are NaN for methods that map no surfaces;
     ``ray_excess``: detected minus visible paths per anchor and step; ``likely_ray_excess``: minus those that
     are likelier detected than missed.
     """
@@ -105,6 +105,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "silent_steps": batch.silent_steps,
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
                 "surface_ospa_m": batch.surface_ospa_m,
+                "surface_gospa_m": batch.surface_gospa_m,
                 "image_ospa_m": float(batch.mapped(batch.mean("image_ospa_m"))[late].mean()),
                 "ray_excess": float(excess[0]),
                 "likely_ray_excess": float(excess[1]),

@@ -6,6 +6,7 @@ systems on path measurements that map by surfaces, `gridslam.systems.signal_fron
 
 from __future__ import annotations
 
+import copy
 import os
 import time
 from abc import ABC, abstractmethod
@@ -113,6 +114,30 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         """One line."""
         steps = counted(self.state.step, "step")
         return f"<{type(self).__name__} of {self.agent} in {self.scene.name}: {steps}>"
+
+    def __copy__(self) -> Self:
+        """Another filter at the same moment, on the same workspace."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """Another filter at the same moment, which goes on as this one does."""
+        other = object.__new__(type(self))
+        memo[id(self)] = other
+        other.__dict__.update(copy.deepcopy(self.__dict__, memo))
+        return other
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Refuse to be pickled: a workspace holds what belongs to its process.
+
+        Raises
+        ------
+        InputError
+        """
+        name = type(self).__name__
+        allowed = f"a checkpoint: save(path), then {name}.resume(path)"
+        raise InputError(name, "a filter to be pickled", allowed)
 
     @property
     def state(self) -> Any:
@@ -223,7 +248,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
 
     @property
     def lost(self) -> bool:
-        """Whether the agent is known to be lost, so that nobody is to go on from its map."""
+        """Whether the filter notices that the agent is lost, so that nobody is to go on from its map."""
         return False
 
     def latest(self) -> dict[str, Any]:

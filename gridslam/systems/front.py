@@ -12,6 +12,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
+from gridslam.inference.management.early_arrivals import watched_arrivals
 from gridslam.inference.management.features.left_features import left_features
 from gridslam.inference.management.features.surface_features import mirror_surfaces
 from gridslam.inference.management.free_turn import all_with_turn, with_turn
@@ -197,9 +198,11 @@ class SurfaceFilter(SurfaceFront[Scan]):
         if len(scan):
             believed, scan = as_far_as_told(believed, scan, self.model, self.work)  # (M514)
         if self._branches(self.state):
-            return advance(believed, scan, self.model, self.work, self.start, self.advance)
-        state, info = self.advance(believed.best, scan, self.model, self.work)
-        return Population.of(state), info
+            after, info = advance(believed, scan, self.model, self.work, self.start, self.advance)
+        else:
+            state, info = self.advance(believed.best, scan, self.model, self.work)
+            after = Population.of(state)
+        return watched_arrivals(after, believed.early, info, scan, self.model, self.work)  # (M525)
 
 
 def bare_map(

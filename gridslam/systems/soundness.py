@@ -39,6 +39,7 @@ def require_sound_population(population: Population[State], model: FilterModel, 
     require_sound_weights(population, where)
     if population.ranges is not None:
         _require_sound_ranges(population.ranges, errors_of(model.senders), f"{where}/ranges")
+    require_claims([("early", 0 <= population.early <= 1, "0 to 1")], where)
     if population.sights is not None:
         _require_sound_sights(population.sights, model.senders, f"{where}/sights")
     for number, state in enumerate(population.states):

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gridslam.arrays import Array
-from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PAGE_IN, PURPLE, blank, ellipse, scatterers
+from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PURPLE, blank, ellipse, scatterers
+from gridslam.drawing.widths import PAGE_IN
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.estimates import Estimate
 from gridslam.simulation.image_source import Truth

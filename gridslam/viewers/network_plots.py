@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gridslam.drawing.map_figure import PAGE_IN, blank
+from gridslam.drawing.map_figure import blank
+from gridslam.drawing.widths import PAGE_IN
 from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.run_files import RunFiles
 from gridslam.world.clocks import ClockTruth

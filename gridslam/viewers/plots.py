@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,22 +23,21 @@ from gridslam.drawing.map_figure import (
     GREEN,
     ORANGE,
     OUTLINE,
-    PAGE_IN,
     blank,
     colorbar,
     draw_map,
     draw_reflection,
     encoded,
-    fonts,
     frame,
     sized,
     true_walls,
     window_of,
 )
+from gridslam.drawing.widths import PAGE_IN, fonts
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells_heading, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
 from gridslam.evaluation.surface_truth import AudibleSurfaces, false_surfaces
-from gridslam.io.files import cannot_write, write_bytes
+from gridslam.io.files import write_files
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.runs import network_files
@@ -221,6 +220,8 @@ def draw_all(
 ) -> list[Path]:
     """Draw all figures of a run's folder into ``figures/`` and return their paths.
 
+    None is written before all are drawn: whatever stops the drawing leaves those of before, or none.
+
     Parameters
     ----------
     directory : path
@@ -237,7 +238,7 @@ def draw_all(
     """
     folder = Path(directory) / "figures"
     run = read_run(directory) if run is None else run
-    written: list[Path] = []
+    files: dict[str, bytes] = {}
     first = next(iter(run.agents.values()))
     earlier = inherited_truth(run.scene, first.map, latest=False)
     takes = kind_of(str(run.summary.get("method")))
@@ -273,7 +274,7 @@ def draw_all(
                 drawn["sights"] = draw_sights(run.scene, found.estimates, truth, width)
                 tracks = found.trajectory, found.truth
                 drawn["features"] = draw_features(run.scene, found.map.features, *tracks, width)
-            written += _save(folder, {f"{name}-{title}": figure for title, figure in drawn.items()}, form)
+            files |= _encoded({f"{name}-{title}": figure for title, figure in drawn.items()}, form)
         earlier += [truth] if truth is not None and not shared else []
     if shared:
         clocks, truth_of_clocks = network_files.read_clocks(Path(directory) / network_files.H5)
@@ -283,7 +284,8 @@ def draw_all(
                 "tracks": network_plots.draw_tracks(run, width),
                 "labels": network_plots.draw_labels(run, width),
             }
-        written += _save(folder, drawn, form)
+        files |= _encoded(drawn, form)
+    written = write_files(folder, files)
     _drop_others(folder, list(run.agents), written, form)
     return written
 
@@ -303,7 +305,8 @@ def draw_export(grid: Map, directory: str | os.PathLike[str]) -> list[Path]:
     InputError
         The folder can't be written to.
     """
-    return _save(Path(directory), {"occupancy": draw_map(grid), "reflection": draw_reflection(grid)})
+    figures = {"occupancy": draw_map(grid), "reflection": draw_reflection(grid)}
+    return write_files(Path(directory), _encoded(figures))
 
 
 def _truth(scene: Scene, name: str, found: AgentFiles) -> Truth | None:
@@ -317,12 +320,6 @@ def _seen_so_far(truth: Truth, earlier: Sequence[Truth], steps: int) -> list[int
     return [audible.count(step) for step in range(steps)]
 
 
-def _save(folder: Path, figures: dict[str, Figure], form: str = "png") -> list[Path]:
-    """Write figures, each whole or not at all."""
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise cannot_write(folder, error) from error
-    for title, figure in figures.items():
-        write_bytes(folder / f"{title}.{form}", encoded(figure, form))
-    return [folder / f"{title}.{form}" for title in figures]
+def _encoded(figures: Mapping[str, Figure], form: str = "png") -> dict[str, bytes]:
+    """Files of figures, by name."""
+    return {f"{title}.{form}": encoded(figure, form) for title, figure in figures.items()}

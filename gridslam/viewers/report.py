@@ -35,6 +35,7 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "surfaces_false": ("surfaces found where none is", "{:.0f}".format),
     "surfaces_true": ("true surfaces that paths hit", "{:.0f}".format),
     "surface_ospa_m": ("surfaces, OSPA (cut-off 5 m)", lambda v: f"{100 * v:.1f} cm"),
+    "surface_gospa_m": ("surfaces, GOSPA (each missing or false one 2.5 m)", "{:.2f} m".format),
     "reflection_mae": ("reflection coefficient, mean error", "{:.3f}".format),
     "occupied_precision": ("cells called occupied that are", "{:.1%}".format),
     "occupied_recall": ("cells hit that were found", "{:.1%}".format),

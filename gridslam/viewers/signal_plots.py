@@ -14,13 +14,13 @@ from gridslam.drawing.map_figure import (
     BLUE,
     GREEN,
     ORANGE,
-    PAGE_IN,
     PURPLE,
     blank,
     ellipse,
     frame,
     true_walls,
 )
+from gridslam.drawing.widths import PAGE_IN
 from gridslam.estimates import Estimate
 from gridslam.evaluation.image_truth import image_gospa
 from gridslam.inference.messages.samples.signal_likelihood import Band

@@ -22,6 +22,7 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "heading_settled_rmse_deg": ("heading, RMSE", "{:.2f} deg".format),
     "heading_to_unknown_map_bound": ("over its bound", "{:.2f}".format),
     "surface_ospa_m": ("surfaces at the end, OSPA", lambda v: f"{100 * v:.1f} cm"),
+    "surface_gospa_m": ("surfaces at the end, GOSPA", "{:.2f} m".format),
     "image_ospa_m": ("virtual anchors, OSPA", lambda v: f"{100 * v:.1f} cm"),
     "seconds_per_step": ("time per step", lambda v: f"{1000 * v:.1f} ms"),
 }

@@ -32,6 +32,29 @@ def segments_of(walls: Sequence[Wall], materials: Mapping[str, float]) -> Segmen
     return Segments(start, end, reflection, surfaces_of(start, end), wall, np.where(curved, wall, -1))
 
 
+def surface_names(walls: Sequence[Wall], pieces: Segments) -> list[str]:
+    """What each surface of the pieces of walls is called, (S,): as the wall of its longest reflecting piece.
+
+    A side of a polyline, or a facet of an arc, is counted in the wall's order, from 1 on. The surface's own
+    number stands in for a wall without a name, and beside a name that several walls have.
+    """
+    length = np.linalg.norm(pieces.end - pieces.start, axis=1) + 1e6 * (pieces.reflection > 0)
+    names = []
+    for surface in range(int(pieces.surface.max(initial=-1)) + 1):
+        piece = np.argmax(np.where(pieces.surface == surface, length, -1.0))
+        own = np.flatnonzero(pieces.wall == pieces.wall[piece])
+        wall = walls[pieces.wall[piece]]
+        part = "facet" if wall.arc is not None else "side"
+        which = f", {part} {piece - own[0] + 1}" if len(own) > 1 else ""
+        names.append(f"{wall.name}{which}" if wall.name else "")
+    once = {name for name in names if name and names.count(name) == 1}
+    numbers = [f"surface {number + 1}" for number in range(len(names))]
+    return [
+        name if name in once else f"{name} ({number})" if name else number
+        for name, number in zip(names, numbers, strict=True)
+    ]
+
+
 @lru_cache(maxsize=64)
 def track_of(agent: Agent) -> Trajectory:
     """Track of an agent with waypoints, cut to its number of steps."""

@@ -291,10 +291,14 @@ def test_full_disk_is_one_line_and_nothing_half_written(
 
 @pytest.mark.slow
 def test_disk_full_at_the_figures_keeps_the_rest(say, short_room, monkeypatch):
-    def full(path, content):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    write = Path.write_bytes
 
-    monkeypatch.setattr("gridslam.viewers.plots.write_bytes", full)
+    def full(path, content):
+        if path.suffix == ".png":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
     result = say("run", short_room, "--agent", "agent1", "-o", "out")
     assert result.code == 2
     assert len(result.complaints) == 1

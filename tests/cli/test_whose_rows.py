@@ -1,5 +1,7 @@
 """One agent's rows of a table of several devices: `run --agent` takes them, for any method of one agent."""
 
+import json
+
 import h5py
 import numpy as np
 import pytest
@@ -61,5 +63,30 @@ def test_run_takes_the_rows_of_the_agent_that_is_named(say, tmp_path, monkeypatc
     for name in ("both", "second"):
         asked = "run", "short.toml", "--measurements", f"{name}.csv", "--agent", "agent2", "-o", name
         assert say(*asked).code == 0
+    in_turn = "run", "short.toml", "--measurements", "both.csv"
+    result = say(*in_turn, *both, "-o", "turn")
+    assert result.code == 0, result.err
+    summary = json.loads((tmp_path / "turn" / "run.json").read_text())
+    assert (list(summary["agents"]), summary["source"]["file"]) == (["agent1", "agent2"], "both.csv")
+    assert gs.Map.load(tmp_path / "turn" / "map.h5").provenance["agents"] == ["agent1", "agent2"]
+    whose = [
+        gs.Measurements.from_h5(tmp_path / run / "agent2" / "measurements.h5") for run in ("turn", "both")
+    ]
+    np.testing.assert_array_equal(*(heard.distance_m for heard in whose))
     tracks = [h5py.File(tmp_path / name / "agent2" / "steps.h5") for name in ("both", "second")]
     np.testing.assert_array_equal(*(file["steps/position_m"][:] for file in tracks))
+
+
+def test_several_agents_want_a_table_that_says_whose_its_rows_are(say, fleet, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "one.csv").write_text("step,time_s,anchor,distance_m\n0,0,A,1.5\n")
+    (tmp_path / "mine.csv").write_text("step,time_s,agent,anchor,distance_m\n0,0,agent1,A,1.5\n")
+    for file, said in (
+        ("one.csv", "agent1, agent2, with one file whose rows don't say whose they are (one.csv); allowed: "),
+        ("mine.csv", "mine.csv: agent: found no row of 'agent2'; allowed: agent1"),
+        ("gone.csv", "gone.csv: found no such file"),
+    ):
+        asked = "run", "canyon", "--measurements", file, "--agent", "agent1", "--agent", "agent2", "-o", "x"
+        result = say(*asked)
+        assert (result.code, said in result.err) == (2, True), result.err
+    assert not (tmp_path / "x").exists()

@@ -8,11 +8,13 @@ from dataclasses import replace
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.text import Text
 from tiny import TINY
 
 import gridslam as gs
 from gridslam.drawing.anchor_labels import side_of
-from gridslam.drawing.map_figure import COLUMN_IN, FORMATS, draw_map, encoded
+from gridslam.drawing.map_figure import FORMATS, draw_map, encoded
+from gridslam.drawing.widths import COLUMN_IN
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
@@ -88,6 +90,22 @@ def test_plot_shows_what_is_known(run):
     assert labels[1] - labels[0] - false == {"true track"}
     assert {"estimated track", "true walls", "surfaces found", "occupied"} <= labels[0]
     assert "true walls" not in {text.get_text() for text in draw_map(run.map).legends[0].get_texts()}
+
+
+def test_plot_takes_the_width_of_a_column_with_letters_that_fit(run):
+    page, column = run.plot(), run.plot(width_cm=8.8)
+    assert page.get_figwidth() == pytest.approx(7.2)
+    assert column.get_figwidth() == pytest.approx(8.8 / 2.54)
+    sizes = [{text.get_fontsize() for text in f.findobj(Text) if text.get_text()} for f in (page, column)]
+    assert max(sizes[1]) < max(sizes[0])
+    (legend,) = column.legends
+    assert legend.get_window_extent().width <= column.bbox.width
+
+
+@pytest.mark.parametrize("width", [0, 4.9, 51, float("nan"), "8.8 cm"])
+def test_plot_refuses_a_width_that_none_can_be_drawn_in(run, width):
+    with pytest.raises(gs.InputError, match=r"width_cm: found .*; allowed: 5 to 50 cm"):
+        run.plot(width_cm=width)
 
 
 def test_true_walls_lie_under_the_cells_that_cover_them(run):

@@ -50,9 +50,11 @@ def test_surface_seen_by_no_path_is_not_demanded_and_a_window_is_no_second_wall(
     assert [audible.count(step) for step in range(3)] == [1, 1, 2]
     scores = surface_scores(lines_at([[0, 4]]), truth_of(segments, seen))
     counts = {"surfaces_matched": 1, "surfaces_true": 2, "surfaces_false": 0}
-    assert scores == counts | {"surface_ospa_m": pytest.approx(2.5)}
+    distances = {"surface_ospa_m": pytest.approx(2.5), "surface_gospa_m": pytest.approx(2.5)}
+    assert scores == counts | distances
     beside = surface_scores(lines_at([[0, 4], [0, 4.3], [0, 4.6]]), truth_of(segments, seen))
     assert (beside["surfaces_matched"], beside["surfaces_false"]) == (1, 1)
+    assert beside["surface_gospa_m"] == pytest.approx(5 + 2.5), "one missed, two false"
     unheard = surface_scores(lines_at([[0, 4], [18, 0]]), truth_of(segments, seen))
     assert (unheard["surfaces_matched"], unheard["surfaces_false"]) == (1, 0), "of an earlier map, say"
     assert audible.ospa(lines_at([[0, 4]]), step=1) == pytest.approx(0, abs=1e-9)
@@ -66,6 +68,7 @@ def test_world_without_walls_has_nothing_to_be_found():
     assert (len(audible.feature), len(audible.first), audible.count()) == (0, 0, 0)
     assert audible.ospa(lines_at([])) == 0
     assert audible.ospa(lines_at([[1, 1]])) == 5
+    assert (audible.gospa(lines_at([])), audible.gospa(lines_at([[1, 1], [2, 2]]))) == (0, 5)
 
 
 @pytest.fixture(scope="module")

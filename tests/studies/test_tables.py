@@ -54,6 +54,11 @@ def test_tables_add_up(scene, tmp_path):
     assert row["nees_in_band"] == 1
     assert row["ray_excess"] == 1
     assert row["image_ospa_m"] == 0.25
+    assert np.isnan(row["surface_gospa_m"]), "of runs that were done before it was counted"
+    scores = [record["agents"][found[0].agent]["scores"] for record in found[0].records]
+    for own, value in zip(scores, (2.5, 0.5, None, 0.0), strict=True):  # None: found nothing by features
+        own["surface_gospa_m"] = value
+    assert summary_rows(found)[0]["surface_gospa_m"] == pytest.approx(1.0)
     for record in found[0].records:  # as of a method that maps no surfaces
         record["agents"][found[0].agent]["scores"]["surfaces_detected"] = None
     bare = summary_rows(found)[0]
@@ -114,6 +119,45 @@ def test_figures_say_in_their_legends_what_each_line_is(scene, tmp_path):
         labels = [axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes]
         assert not re.search("dashed|dotted|thin|grey", " ".join(labels))
     assert not {style for style in STYLES if style in (DOTTED, SPARSE)}, "no method looks like a bound"
+
+
+def test_drawing_that_is_stopped_leaves_the_figures_of_before(scene, tmp_path, monkeypatch):
+    found = batches(run_study(plan(scene, 1, agents=("agent1",)), tmp_path / "s", Here()))
+    drawn = []
+
+    def content(figure, form):
+        drawn.append(figure)
+        if len(drawn) == 8:
+            raise KeyboardInterrupt
+        return b"first" if len(drawn) < 7 else b"second"
+
+    monkeypatch.setattr("gridslam.studies.plots.encoded", content)
+    written = draw_study(tmp_path / "s", found)
+    assert len(written) == 6
+    with pytest.raises(KeyboardInterrupt):
+        draw_study(tmp_path / "s", found)
+    assert {path.read_bytes() for path in (tmp_path / "s" / "figures").iterdir()} == {b"first"}
+
+
+def test_figures_call_surfaces_as_the_scene_calls_their_walls(scene, tmp_path):
+    data = scene.model_dump(exclude_none=True)
+    data["walls"][0]["name"] = "the hall of the castle by the sea"
+    named = Scene.checked(data, "tiny")
+    for own, begins in ((named, "the hall of the castle\nby the sea, side "), (scene, "surface ")):
+        found = batches(run_study(plan(own, 1, agents=("agent1",)), tmp_path / begins[:3], Here()))
+        titles = [axes.get_title() for axes in draw_surfaces(found).axes if axes.get_title()]
+        assert titles
+        assert all(title.startswith(begins) for title in titles)
+
+
+def test_errors_beyond_the_axes_are_told_in_the_figure(scene, tmp_path):
+    found = batches(run_study(plan(scene, 2, agents=("agent1",)), tmp_path / "s", Here()))
+    assert not [text for axes in draw_errors(found).axes for text in axes.texts]
+    found[0].steps["position_error_m"][:, 0] = 0.7  # as of a start that isn't known
+    position, heading = draw_errors(found).axes
+    assert [text.get_text() for text in position.texts] == ["cut off: up to 70, at step 0"]
+    assert position.get_ylim()[1] < 10, "steps after it can be told apart"
+    assert not heading.texts
 
 
 @pytest.mark.parametrize(

@@ -230,16 +230,16 @@ def test_nobody_goes_on_from_the_map_of_an_agent_that_was_lost(screen, recording
     maker.map().save(tmp_path / "map.h5")
     sheet = gs.Map.load(tmp_path / "map.h5")
     assert sheet.lost == "agent1"
-    assert str(sheet).endswith("agent1 was lost>")
+    assert str(sheet).endswith("agent1 noticed that it was lost>")
     assert fitted(sheet, screen, "map.h5")[1].endswith(
-        "agent1 was lost in the end, so nobody goes on from it"
+        "agent1 noticed in the end that it was lost, so nobody goes on from it"
     )
     following = HybridSlam(screen, prior_map=sheet)
     assert len(following.state.joint.features) == 0
     assert not following.map().lost
-    with pytest.raises(InputError, match="map 2: found a map of agent1, lost in the end"):
+    with pytest.raises(InputError, match="map 2: found a map of agent1, which noticed in the end"):
         fuse([KnownHybridSlam(screen, seed=1).map(), sheet])
-    with pytest.raises(InputError, match="calibrate: map: found a map of agent1, lost"):
+    with pytest.raises(InputError, match="calibrate: map: found a map of agent1, which noticed"):
         calibrate(screen, recording, sheet)
 
 

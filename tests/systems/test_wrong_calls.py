@@ -1,5 +1,7 @@
 """Wrong things handed over: one line that says what is taken, no error from inside."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -87,3 +89,18 @@ def test_estimates_by_hand_hold_numbers_and_variances(pose, told):
     with pytest.raises(gs.InputError, match=told):
         gs.Estimate.of_pose(SCAN, *pose)
     assert gs.Estimate.of_pose(SCAN, [0, 0], 0.0, np.zeros((3, 3))).covariance[0, 0] == 0, "a sure pose"
+
+
+@pytest.mark.parametrize("method", ["grid", "adaptive", "network"])
+def test_a_filter_is_saved_as_a_checkpoint_and_not_pickled(method, tmp_path):
+    slam = method_class(method)(SCENE)
+    slam.step(SCAN)
+    with pytest.raises(gs.InputError, match=r"a filter to be pickled; allowed: .*save\(path\), then "):
+        pickle.dumps(slam)
+    slam.save(tmp_path / "checkpoint.h5")
+    later = gs.simulate(SCENE, "agent1", 1).scan(1)
+    others = type(slam).resume(tmp_path / "checkpoint.h5"), copy.deepcopy(slam), copy.copy(slam)
+    position = slam.step(later).position_m
+    for other in others:
+        assert other.state.step == 1
+        np.testing.assert_array_equal(other.step(later).position_m, position)

@@ -10,7 +10,9 @@ from scene_worlds import WORLD, changed, drop, put
 from gridslam.errors import InputError
 from gridslam.world.geometry import distance_to_segments, wrap
 from gridslam.world.scene import Scene
+from gridslam.world.scene_derived import segments_of, surface_names
 from gridslam.world.scene_files import bundled_scenes
+from gridslam.world.scene_parts import Wall
 
 
 @pytest.fixture
@@ -34,6 +36,22 @@ def test_scene_without_agents_or_walls_has_empty_tables():
     assert walls.surface.dtype == np.intp
     with pytest.raises(InputError, match="'agent1'; allowed: none"):
         scene.track("agent1")
+
+
+def test_surfaces_are_called_by_their_walls_and_by_numbers_where_no_name_tells():
+    whole = Scene.load("canyon")
+    names = surface_names(whole.walls, whole.segments())
+    assert names[0] == "north, east of the window", "the longest of three in a line"
+    assert names[1:3] == ["curved front, facet 1", "curved front, facet 2"]
+    box = Scene.load("room")
+    assert surface_names(box.walls, box.segments()) == [f"walls, side {side}" for side in (1, 2, 3, 4)]
+    bare = [wall.model_copy(update={"name": None}) for wall in box.walls]
+    assert surface_names(bare, box.segments()) == [f"surface {number}" for number in (1, 2, 3, 4)]
+    ends = [{"points_m": ((x, -2.0), (x, 2.0)), "material": "brick"} for x in (-2.0, 2.0)]
+    alike = [Wall(name="pillar", **wall) for wall in ends]
+    twice = surface_names(alike, segments_of(alike, {"brick": 0.5}))
+    assert twice == ["pillar (surface 1)", "pillar (surface 2)"]
+    assert surface_names([], segments_of([], {})) == []
 
 
 def test_anchor_angles_are_wrapped_radians(scene):

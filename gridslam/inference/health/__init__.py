@@ -31,6 +31,9 @@ reason              said when                                   by              
 `early`             at over half of the latest steps        `signal_watch`                   (M451)
                     something arrives before the line of
                     sight (hybrid SLAM)
+`early`             at over a quarter of the latest steps a     `early_watch.arrives_early`      (M525)
+                    loud path is shorter than the line of
+                    sight to the one place believed in
 `crowded`           over 30 loud paths of one anchor            `monitor.HealthMonitor.assess`   section 9
 `left_out`          over 24 surfaces are in sight               `monitor`; of networks           section 9
                                                                 `management.network.merging`

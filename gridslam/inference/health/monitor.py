@@ -197,9 +197,9 @@ class HealthMonitor:
         # at first, walls that are still to be born pass for clutter
         known = (calibration.listened >= LISTENED).tolist()
         levels = [level for level, has_level in zip(clutters, known, strict=True) if has_level]
-        clutter = max(levels, default=0.0) / stated
-        if clutter > LOUD_CLUTTER:
-            found.append(reasons.clutter(clutter))
+        clutter = max(levels, default=0.0)
+        if clutter > LOUD_CLUTTER * stated:
+            found.append(reasons.clutter(clutter, stated))
         if turned.any() and not self.distrusted:
             worst = int(np.abs(turned).argmax())
             found.append(reasons.turned(model.anchor_names[worst], float(np.degrees(turned[worst]))))

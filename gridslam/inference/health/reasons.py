@@ -64,9 +64,9 @@ def misfit(ratio: float) -> str:
     return f"innovations {ratio:.1f} times as large as they should be"
 
 
-def clutter(ratio: float) -> str:
-    """Clutter learned of the worst anchor, in ratio to the scene's."""
-    return f"clutter {ratio:.1f} times what the scene says"
+def clutter(found: float, expected: float) -> str:
+    """Clutter learned of the worst anchor, and the scene's, measurements a step."""
+    return f"clutter seems to be {found:.1f} measurements a step, where the scene expects {expected:g}"
 
 
 def turned(anchor: str, degrees: float) -> str:

@@ -52,6 +52,8 @@ class Population(Generic[S]):
         What lines of sight that cross say of the distances; None before the first step.
     sights : SightWatch or None
         What lines of sight say of their anchors, at places that are well known; None before the first look.
+    early : float
+        Share of the latest steps at which a path arrived before the line of sight.
     past : Past or None
         What was received so far, where it may be looked at again; None where it won't be.
 
@@ -70,6 +72,7 @@ class Population(Generic[S]):
     watch: Doubt = field(default_factory=Doubt, metadata=LATER)
     ranges: RangeWatch | None = None
     sights: SightWatch | None = field(default=None, metadata=LATER)
+    early: float = field(default=0.0, metadata=LATER)
     past: Past[S] | None = field(default=None, metadata=LATER)
 
     FORMER_NAMES: ClassVar = ("ImagePopulation", "NetworkPopulation")

@@ -37,6 +37,8 @@ def test_no_other_room_says_a_reason_in_words_of_its_own():
 def test_reasons_read_as_sentences_with_their_numbers():
     assert reasons.offset("anchor A", -0.6) == "distances of anchor A seem 0.60 m (2.0 ns) too short"
     assert reasons.few_explained(0.254, 0.9) == "25% of the loud measurements explained, usually 90%"
+    said = "clutter seems to be 6.8 measurements a step, where the scene expects 2"
+    assert reasons.clutter(6.84, 2.0) == said
     assert reasons.height(2.04).startswith("anchors seem 2.0 m above or below")
 
 
