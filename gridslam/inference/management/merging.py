@@ -85,7 +85,8 @@ def merge(
 
     Two lines are one when they agree, within their joint covariance plus a centimetre, in angle and in
     offset at the place where the younger was hit. What that says of all else counts as far as both exist:
-    docs/model.md, (M513).
+    docs/model.md, (M513). One that was born at this step tells nothing of one that was there before: its
+    measurement may have come over that, and the association has said how likely.
 
     Parameters
     ----------
@@ -101,11 +102,9 @@ def merge(
         two = apart()
         older, younger, tie = _alike(bank, belief, two)
     while older >= 0:
-        jacobian = np.zeros((2, len(belief.mean)))
-        line = belief.layout.line
-        jacobian[:, line(older)], jacobian[:, line(younger)] = tie[:, :2], tie[:, 2:4]
-        both = both_exist(float(bank.existence[older] * bank.existence[younger]), belief, jacobian, tie[:, 4])
-        belief = update(belief, jacobian, tie[None, :, 4], TIE[None], np.array([both]))  # (M513)
+        news = bank.age[younger] > 0 or bank.age[older] == 0
+        if news:  # else what bore it was held against the older one's paths already
+            belief = _tied(bank, belief, older, younger, tie)
         rest = np.arange(len(bank)) != younger
         bank, belief = _united(bank, older, younger).take(rest), keep(belief, rest)
         either = two[older] | two[younger]
@@ -114,6 +113,14 @@ def merge(
         two = np.ascontiguousarray(two[rest][:, rest])
         older, younger, tie = _alike(bank, belief, two)
     return bank, belief
+
+
+def _tied(bank: SurfaceBank, belief: Belief, older: int, younger: int, tie: Array) -> Belief:
+    """The belief that two lines are one, as far as both surfaces exist; (M513)."""
+    jacobian, line = np.zeros((2, len(belief.mean))), belief.layout.line
+    jacobian[:, line(older)], jacobian[:, line(younger)] = tie[:, :2], tie[:, 2:4]
+    both = both_exist(float(bank.existence[older] * bank.existence[younger]), belief, jacobian, tie[:, 4])
+    return update(belief, jacobian, tie[None, :, 4], TIE[None], np.array([both]))
 
 
 def both_exist(apart: float, belief: Belief, jacobian: Array, residual: Array) -> float:

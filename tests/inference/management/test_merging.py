@@ -79,7 +79,7 @@ def test_a_merger_moves_the_agent_as_far_as_both_surfaces_exist(existence, both)
     mean = np.concatenate([np.zeros(5), WALL, [WALL[0], WALL[1] + 0.05]])
     state = state_of(Belief(mean, covariance), 2, 1.0)
     bank = replace(state.surfaces, existence=np.array([1.0, existence]))
-    after, belief = merge(bank, state.belief)
+    after, belief = merge(replace(bank, age=np.array([9.0, 1.0])), state.belief)
     step = -0.05 * 0.01 / 0.0102
     assert after.identity.tolist() == [0]
     assert belief.mean[1] == pytest.approx(both * step, rel=5e-3)
@@ -94,3 +94,17 @@ def test_a_birth_of_one_per_cent_that_agrees_vaguely_moves_nothing_to_speak_of()
     jacobian[0, [6, 8]], jacobian[1, [5, 7]] = (1.0, -1.0), (1.0, -1.0)
     assert both_exist(0.01, belief, jacobian, np.zeros(2)) < 0.03
     assert both_exist(0.01, replace(belief, covariance=1e-6 * np.eye(9)), jacobian, np.zeros(2)) > 0.95
+
+
+@pytest.mark.parametrize(("ages", "moves"), [([9.0, 0.0], False), ([9.0, 0.7], True), ([0.0, 0.0], True)])
+def test_a_birth_that_lies_on_a_known_wall_at_once_moves_nobody(ages, moves):
+    """The association has weighed whether its measurement came over that wall; of two births it has not."""
+    covariance = 1e-4 * np.eye(9)
+    covariance[np.ix_([1, 8], [1, 8])] = 0.01
+    covariance[8, 8] += 1e-9
+    mean = np.concatenate([np.zeros(5), WALL, [WALL[0], WALL[1] + 0.05]])
+    state = state_of(Belief(mean, covariance), 2, 0.9)
+    bank, belief = merge(replace(state.surfaces, age=np.array(ages)), state.belief)
+    assert bank.identity.tolist() == [0]
+    assert (abs(belief.mean[1]) > 0.01) == moves
+    np.testing.assert_allclose(belief.mean[5:7], WALL, atol=1e-12 if not moves else 0.1)
