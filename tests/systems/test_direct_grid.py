@@ -177,3 +177,23 @@ def test_one_antenna_at_the_anchors_will_do():
     slam = gs.DirectGridSlam(scene, waveform=recording.waveform)
     last = followed(slam, recording, 15)[-1]
     assert np.linalg.norm(last.position_m - recording.truth.position_m[14]) < 0.15
+
+
+@pytest.mark.slow
+def test_a_line_of_sight_that_is_hidden_holds_nobody():
+    """Expected and not there, with a reflection 0.2 m beyond it: the agent was believed to be to 0.1 m where
+    the line of sight would fit noise or that best, 3 to 8 deviations off."""
+    data = with_arrays().model_dump(exclude_none=True)
+    data["anchors"] = data["anchors"][1:]
+    screen = {"name": "screen", "material": "plaster", "points_m": ((0.5, -2.4), (0.5, -0.8))}
+    data["walls"] = [*data["walls"], screen]
+    squares = []
+    for seed in range(6):
+        scene = gs.Scene.checked(data, "hidden")
+        recording = gs.simulate(scene, "agent1", seed=seed, what="signal")
+        slam = gs.DirectGridSlam(scene, seed=seed, waveform=recording.waveform)
+        estimate = slam.step(recording.scan(0))
+        off = estimate.position_m - recording.truth.position_m[0]
+        squares.append(off @ np.linalg.solve(estimate.covariance[:2, :2], off))
+    # but for one run in which the reflection is as loud as the line of sight would be
+    assert np.count_nonzero(np.array(squares) < 4) >= 5

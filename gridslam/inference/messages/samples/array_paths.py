@@ -16,15 +16,21 @@ from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Comp
 from gridslam.inference.messages.samples.array_search import Found, find_paths
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
 from gridslam.inference.messages.samples.state_mode import PathsPrior, paths_at
+from gridslam.inference.state.belief import Belief
+from gridslam.inference.state.layout import HEADING
+from gridslam.inference.state.population import moments
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
 LEAST_CHANCE, MOST_PATHS = 1e-3, 40
 """Chance below which a path isn't followed in the mode, and how many are at most."""
+EXPECTED, DENIED = 0.05, 0.1
+"""Chance from which on a path holds the mode though it isn't there; probability below which it is denied."""
 NOISE_GAIN = 0.03
 """Share of a step's noise estimate that enters, in the long run."""
 SUREST = 40.0
@@ -142,10 +148,50 @@ def take_snapshot(
 def evaluate_snapshot(
     state: State, snapshot: Snapshot, model: SignalModel, *, work: Workspace
 ) -> tuple[State, SnapshotLikelihood]:
-    """Find the joint mode of agent and surfaces, and what it tells of every path's being there."""
-    chance, power = snapshot.chance, snapshot.power
-    order = np.argsort(-chance * power, kind="stable")
+    """Find the joint mode of agent and surfaces, and what it tells of every path's being there.
+
+    Paths that the snapshot denies, though they were expected, leave the mode, which is found again: it takes
+    all to be there, and a line of sight that is hidden would hold the agent where it fits the noise best. One
+    that stays in doubt, as a reflection beside it may be what is heard, counts by moments of both cases.
+    """
+    chance = snapshot.chance
+    order = np.argsort(-chance * snapshot.power, kind="stable")
     followed = np.sort(order[chance[order] > LEAST_CHANCE][:MOST_PATHS])
+    likelihood = _weighed(state, snapshot, followed, model)
+    there = _posterior(snapshot, likelihood)
+    denied = (chance > EXPECTED) & (there < DENIED)
+    if denied[followed].any():
+        likelihood = _weighed(state, snapshot, followed[~denied[followed]], model)
+        there = _posterior(snapshot, likelihood)
+    followed, belief = likelihood.followed, likelihood.found.mode.belief
+    direct = followed[(snapshot.rays.bounces[followed] == 0) & (chance[followed] > EXPECTED)]
+    if len(direct) and there[direct[0]] < 1 - DENIED:
+        other = _weighed(state, snapshot, np.setdiff1d(followed, direct), model).found.mode.belief
+        belief = _either(belief, other, float(there[direct[0]]))
+    return replace(state, belief=belief), likelihood
+
+
+def _posterior(snapshot: Snapshot, likelihood: SnapshotLikelihood) -> Array:
+    """Probability of each path's being there, (L,)."""
+    chance, worth = snapshot.chance, np.exp(likelihood.log_worth)
+    return np.asarray(chance * worth / (chance * worth + 1 - chance))
+
+
+def _either(one: Belief, other: Belief, chance: float) -> Belief:
+    """One belief with a chance, else the other, by moments."""
+    means = np.stack([one.mean, other.mean])
+    means[0, HEADING] = other.mean[HEADING] + wrap(one.mean[HEADING] - other.mean[HEADING])
+    weights = np.array([chance, 1 - chance])
+    mean, covariance = moments(weights, means, np.stack([one.covariance, other.covariance]))
+    mean[HEADING] = wrap(mean[HEADING])
+    return replace(one, mean=mean, covariance=covariance)
+
+
+def _weighed(
+    state: State, snapshot: Snapshot, followed: NDArray[np.intp], model: SignalModel
+) -> SnapshotLikelihood:
+    """What a snapshot says of all paths, by the joint mode of some (N,)."""
+    chance, power = snapshot.chance, snapshot.power
     place, head = model.anchors[snapshot.anchor], state.belief.layout.head
     prior = PathsPrior(
         state.belief,
@@ -172,7 +218,7 @@ def evaluate_snapshot(
     with np.errstate(divide="ignore"):
         worth = logsumexp(logs + np.log(snapshot.probability), axis=1)
     worth = np.clip(worth + log_mean, -SUREST, SUREST)
-    return replace(state, belief=mode.belief), SnapshotLikelihood(followed, found, matched, own, worth)
+    return SnapshotLikelihood(followed, found, matched, own, worth)
 
 
 def log_amplitudes(matched: Array, own: Array, amplitude: Array, fades: bool) -> Array:
