@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gridslam.measurements.observations import Observations
     from gridslam.runs.reservation import Place
     from gridslam.runs.run import Run
+    from gridslam.runs.run_files import RunFiles
     from gridslam.runs.stopping import Termination
     from gridslam.runs.unfinished import Unfinished
     from gridslam.world.scene import Scene
@@ -166,7 +167,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
 
     with held_back() as asked:  # loading what draws takes a second, in which the run would be lost
         from gridslam.runs.notes import health_notes
-        from gridslam.runs.run_files import read_run, write_run
+        from gridslam.runs.run_files import write_run
         from gridslam.viewers.plots import draw_all
 
         kept = done.kept
@@ -176,7 +177,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
         nonlocal whole
         try:
             with busy("drawing figures"):
-                draw_all(part, read_run(part, {run.agent: run.map for run in done.runs}))
+                draw_all(part, _read_back(part, world, done))
         except KeyboardInterrupt:
             whole = False
 
@@ -206,6 +207,20 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
         raise fault
     _say(f"wrote {folder}, computed on the {done.runs[-1].device}")
     return whole
+
+
+def _read_back(part: Path, world: Scene, done: Done) -> RunFiles:
+    """What figures are drawn from: the files or, where some couldn't be written, what they would hold."""
+    from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
+
+    try:
+        return read_run(part, {run.agent: run.map for run in done.runs})
+    except InputError:
+        agents = {
+            run.agent: AgentFiles(observed, run.trajectory, observed.truth, run.estimates, run.map)
+            for run, observed in zip(done.runs, done.observations, strict=True)
+        }
+        return RunFiles(world, {"method": done.runs[-1].method}, agents)
 
 
 def _say(line: str) -> None:

@@ -86,7 +86,9 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
         raise cannot_write(path, error) from error
 
 
-def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
+def write_files(
+    folder: Path, contents: Mapping[str, bytes], faults: list[InputError] | None = None
+) -> list[Path]:
     """Write files of a folder, which is made if need be; they are written aside and then get their names.
 
     Parameters
@@ -95,27 +97,49 @@ def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
         One whose parent is there; other files in it stay.
     contents : mapping of str to bytes
         By name.
+    faults : list of InputError, optional
+        Takes those of single files, which then don't cost the others.
+
+    Returns
+    -------
+    list of Path
+        Those that were written.
 
     Raises
     ------
     InputError
         The folder is read-only, or the disk is full; no file is left behind, and none is replaced.
     """
-    part = beside(folder)
+    part, alone = beside(folder), list[InputError]()
     try:
         try:
             shutil.rmtree(part, ignore_errors=True)
             part.mkdir()
+            whole = []
             for name, content in contents.items():
-                (part / name).write_bytes(content)
+                try:
+                    (part / name).write_bytes(content)
+                    whole.append(name)
+                except OSError as error:
+                    alone.append(cannot_write(folder / name, error))
+                    if faults is None or len(alone) == len(contents):  # not one file, but the disk
+                        raise
             folder.mkdir(exist_ok=True)
-            for name in contents:
-                put_in_place(part / name, folder / name)
+            for name in whole.copy():
+                try:
+                    put_in_place(part / name, folder / name)
+                except OSError as error:
+                    if faults is None:
+                        raise
+                    alone.append(cannot_write(folder / name, error))
+                    whole.remove(name)
         finally:
             shutil.rmtree(part, ignore_errors=True)
     except OSError as error:
         raise cannot_write(folder, error) from error
-    return [folder / name for name in contents]
+    if faults is not None:
+        faults += alone
+    return [folder / name for name in whole]
 
 
 @contextmanager
