@@ -42,6 +42,20 @@ def refuse_taken(paths: Iterable[Path], overwrite: bool = False) -> None:
             raise InputError(str(path), "something of this name", "a new name (or --overwrite)")
 
 
+def refuse_leaving(folder: Path, paths: Iterable[Path]) -> None:
+    """Refuse links in a folder that lead out of it: folders are shared, and what they name isn't theirs.
+
+    Raises
+    ------
+    InputError
+        One of the paths in the folder leads elsewhere, or nowhere.
+    """
+    root = os.path.realpath(folder)
+    for path in paths:
+        if not Path(os.path.realpath(path)).is_relative_to(root):
+            raise InputError(str(path), "a link that leads out of the folder", "files of the folder itself")
+
+
 def put_in_place(part: Path, path: Path) -> None:
     """Give a finished file its name, replacing what had it: after a power loss it is the old one or the new.
 

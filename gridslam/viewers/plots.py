@@ -38,7 +38,7 @@ from gridslam.errors import InputError, Unwritten
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells_heading, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
 from gridslam.evaluation.surface_truth import AudibleSurfaces, false_surfaces
-from gridslam.io.files import write_files
+from gridslam.io.files import refuse_leaving, write_files
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.runs import network_files
@@ -237,9 +237,10 @@ def draw_all(
     Unwritten
         Some figures couldn't be drawn or written; the others were.
     InputError
-        Not a run's folder, or it can't be written to.
+        Not a run's folder, it can't be written to, or its figures lie elsewhere by a link.
     """
     folder = Path(directory) / "figures"
+    refuse_leaving(Path(directory), [folder])
     run = read_run(directory) if run is None else run
     files: dict[str, bytes] = {}
     first = next(iter(run.agents.values()))

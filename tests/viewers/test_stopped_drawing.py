@@ -7,7 +7,7 @@ import pytest
 from tiny import TINY
 
 import gridslam as gs
-from gridslam.errors import Unwritten
+from gridslam.errors import InputError, Unwritten
 from gridslam.runs.run_files import write_run
 from gridslam.viewers.plots import draw_all
 from gridslam.viewers.report import write_report
@@ -90,3 +90,23 @@ def test_one_figure_that_fails_costs_no_other(folder, monkeypatch):
     content = {path.name: path.read_bytes() for path in (folder / "figures").iterdir()}
     assert {name for name, found in content.items() if found == b"first"} == {path.name for path in said}
     assert set(content) == names
+
+
+def test_links_that_lead_out_of_the_folder_are_not_followed(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("gridslam.viewers.plots.encoded", Drawn(b"figure"))
+    (tmp_path / "away").mkdir()
+    (folder / "figures").symlink_to(tmp_path / "away")
+    for write in (draw_all, write_report):
+        with pytest.raises(InputError, match="figures: found a link that leads out of the folder"):
+            write(folder)
+    assert not list((tmp_path / "away").iterdir())
+    (folder / "figures").unlink()
+    draw_all(folder)
+    (tmp_path / "secret.png").write_bytes(b"secret")
+    (folder / "figures" / "agent1-map.png").unlink()
+    (folder / "figures" / "agent1-map.png").symlink_to(tmp_path / "secret.png")
+    with pytest.raises(InputError, match=r"agent1-map\.png: found a link that leads out of the folder"):
+        write_report(folder, moving=False)
+    draw_all(folder)  # puts its own in the link's place
+    assert (tmp_path / "secret.png").read_bytes() == b"secret"
+    write_report(folder, moving=False)
