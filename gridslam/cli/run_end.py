@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rich.console import Console
 from rich.table import Table
 
-from gridslam.cli.output import ended
+from gridslam.cli.output import ended, print_whole
 from gridslam.errors import InputError
 from gridslam.wording import counted
 
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 out, err = Console(), Console(stderr=True)
 Scored = TypeVar("Scored")
 SUSPECT = ": suspect: "
-WIDEST_TABLE = 160
-"""Columns up to which the table is printed whole, whatever the terminal."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +189,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
         whole = False
     except InputError as error:  # the table is worth seeing all the same
         fault = error
-    out.print(_table(done.runs, done.scores), width=max(out.width, WIDEST_TABLE), crop=False)
+    print_whole(_table(done.runs, done.scores))
     unwell = [
         note
         for run, score in zip(done.runs, done.scores, strict=True)
