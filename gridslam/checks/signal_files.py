@@ -161,7 +161,7 @@ class Delays:
         return float(_at(table, places.distance_m + shift, half, self.folding_m).mean())
 
     def middle(self, places: Places, half: float, shift: float) -> float:
-        """Median offset of the peaks within `half` of a shift, m: all shifts up to `half` find them as well."""
+        """Median offset of the peaks within `half` of a shift, m: shifts up to `half` find them as well."""
         count = self.profile.shape[1]
         reach = int(np.ceil(half * count / self.folding_m))
         about = np.rint((places.distance_m + shift) * count / self.folding_m).astype(int)

@@ -223,7 +223,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         ------
         InputError
             It makes no sense, see `Scan.checked` and `SignalScan.checked`, its step is no whole number or
-            below that of the scan before, or the map that the filter began with was made of it; the filter stays as it was.
+            below that of the scan before, or the map that the filter began with was made of it; the filter
+            stays as it was.
         """
         began = time.perf_counter()
         scan = self._checked(scan, self.state.time_s)
