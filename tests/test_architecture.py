@@ -22,6 +22,10 @@ FILE_FORMATS = (
 )  # fmt: skip
 MOST_FILES = 12
 PRIVATE_TO_TAICHI = re.compile(r"\b(ti|taichi)\.(lang\b|_[a-z])|from taichi import (lang|_)")
+KEPT_BY_TAICHI = re.compile(
+    r"\b(_primal|_ArgPack\w*|compiled_kernels|make_launch_context|set_arg_\w+|compile_kernel|launch_kernel)\b"
+)
+"""What its kernels and launches keep to themselves."""
 UPWARDS: set[tuple[str, str]] = set()
 """Imports that still run up: (importing file, imported file)."""
 CIRCLES: set[tuple[str, str]] = set()
@@ -144,6 +148,11 @@ def test_one_file_names_private_modules_of_taichi():
     for file in files:
         assert not PRIVATE_TO_TAICHI.search(file.read_text(encoding="utf-8")), file
     assert PRIVATE_TO_TAICHI.search(modules()["gridslam.kernels.primitives.taichi_inside"].read_text("utf-8"))
+
+
+def test_one_file_knows_what_kernels_of_taichi_keep_to_themselves():
+    found = [name for name, file in modules().items() if KEPT_BY_TAICHI.search(file.read_text("utf-8"))]
+    assert found == ["gridslam.kernels.primitives.taichi_inside"]
 
 
 def test_no_files_import_each_other_in_a_circle():

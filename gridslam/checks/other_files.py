@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +103,30 @@ def _found(score: Mapping[str, Any]) -> list[str]:
     """Surfaces and features, as the table of `run` counts them."""
     things = {"surface": score.get("surfaces_detected"), "feature": score.get("features")}
     return [counted(number, thing) for thing, number in things.items() if isinstance(number, int)]
+
+
+EXPORTED = "map.yaml", "reflection.yaml", "cells.csv", "surfaces.csv", "occupancy.png", "reflection.png"
+MAYBE_EXPORTED = ("surfaces.geojson", "features.*", "unexplained.*", "*-track.csv")
+"""What every export writes, and what some do; other files in its folder are others'."""
+
+
+def is_export(folder: Path) -> bool:
+    """Whether an export of a map stands in a folder, and neither a run nor a study."""
+    others = ("run.json", "study.jsonl")
+    return (folder / "cells.csv").is_file() and not any((folder / name).exists() for name in others)
+
+
+def export_lines(folder: Path, describe: Callable[[Path], str]) -> str:
+    """An export's folder: a line for each file of it.
+
+    Raises
+    ------
+    InputError
+        One is missing or can't be read.
+    """
+    more = [path for name in MAYBE_EXPORTED for path in sorted(folder.glob(name))]
+    files = [*(folder / name for name in EXPORTED), *more]
+    return "\n".join(["export of a map:", *(f"{path.name}: {describe(path)}" for path in files)])
 
 
 def study_line(folder: Path) -> str:

@@ -25,6 +25,7 @@ TABLES = {
     COLUMNS: "a track",
     ("x_m", "y_m", "occupancy", "reflection", "reflection_std"): "observed cells of a map",
     ("identity", "normal_rad", "offset_m", "sfv_x_m"): "surfaces of a map",
+    ("identity", "anchor", "anchor_x_m", "anchor_y_m", "x_m", "y_m", "bias_m"): "features of a map",
     ("scene", "case", "agent", "seed", "first", "last"): "runs of a disturbed filter",
 }
 """What tables of the project are, by the columns that they begin with; a study has another rule."""

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from gridslam.cli.help import COMPARE
 from gridslam.cli.options import flag
+from gridslam.cli.output import print_whole
 from gridslam.errors import InputError
 from gridslam.systems.registry import method_class, method_help
 
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from gridslam.bench.kernels import KernelSpeed
 
 out, err = Console(), Console(stderr=True)
-WIDEST_TABLE = 160
-"""Columns up to which a table is printed whole, whatever the terminal."""
 
 
 def register(app: typer.Typer) -> None:
@@ -60,15 +59,14 @@ def bench(
         speed = measure(QUICK if quick else Plan(), device, threads, tell, methods)
     if json_file is not None:
         write_bytes(json_file, speed.to_json().encode())
-    wide = Console(width=max(out.width, WIDEST_TABLE))
     for line in _machine(speed):
         out.print(line, highlight=False, markup=False, soft_wrap=True)
     tables = [_steps(speed.steps), _stages(speed.steps)]
     if not methods:
         tables = [_kernels(speed.kernels), *tables, _growth(speed.growth)]
     for table in tables:
-        wide.print()
-        wide.print(table)
+        out.print()
+        print_whole(table)
     if json_file is not None:
         out.print(f"wrote {json_file}", highlight=False, markup=False, soft_wrap=True)
 

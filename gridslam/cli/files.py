@@ -28,7 +28,7 @@ EXPORTED = (
 KINDS = (
     "a scene (.toml or a bundled name), measurements (.csv, .mat, .h5), signals (.mat, .h5), "
     "a map, steps, clocks or a checkpoint (.h5), a track (.tum), a nav2 map (.yaml), a table that gridslam "
-    "wrote (.csv, .json) or a folder of a run or a study"
+    "wrote (.csv, .json) or a folder of a run, a study or an export"
 )
 
 
@@ -245,6 +245,8 @@ def _describe(file: Path) -> str:
     from gridslam.maps.map import Map
 
     if file.is_dir():
+        if other_files.is_export(file):
+            return other_files.export_lines(file, _describe)
         study = (file / "study.jsonl").is_file() and not (file / "run.json").exists()
         return other_files.study_line(file) if study else other_files.run_line(file)
     kind = file.suffix.lower()

@@ -1,4 +1,4 @@
-"""Command line: the folder that a run writes to, and how a run is stopped."""
+"""Command line: the folder that a run writes to, how a run is stopped, and tables."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.measure import Measurement
+from rich.table import Table
 
 if TYPE_CHECKING:
     from gridslam.runs.reservation import Place
     from gridslam.runs.stopping import Termination
 
 err = Console(stderr=True)
+WIDEST = 10_000
+"""Columns of a table at most."""
 
 
 @contextmanager
@@ -50,3 +54,10 @@ def reserved(
         return
     with reserve_free(Path("runs"), name) as place:
         yield Path("runs") / place.target.name, place
+
+
+def print_whole(table: Table) -> None:
+    """Print a table with all its letters, however wide it is: a number that is cut is another number."""
+    out = Console()
+    natural = Measurement.get(out, out.options.update(max_width=WIDEST), table).maximum
+    Console(width=max(out.width, natural)).print(table)

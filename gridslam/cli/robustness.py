@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.cli.options import flag
+from gridslam.cli.output import print_whole
 from gridslam.errors import InputError
 from gridslam.systems.registry import DEFAULT, method_class, method_help
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from gridslam.studies.robustness import Result
 
 out, err = Console(), Console(stderr=True)
-WIDEST_TABLE = 160
-"""Columns up to which the table is printed whole, whatever the terminal."""
 FILE = "robustness.csv"
 
 
@@ -98,7 +97,7 @@ def _show(results: list[Result]) -> None:
             f"{np.mean([r.seconds_per_step for r in own]):.3f}",
             f"{sum(r.good for r in own)}/{len(own)}",
         )
-    Console(width=max(out.width, WIDEST_TABLE)).print(printed)
+    print_whole(printed)
     note = (
         "position error over known-map bound; after: from 50 steps after the disturbance (or the start) on; "
         "unwell: share of steps at which health isn't ok; good: within 2 bounds after, or said not to be"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rich.console import Console
 from rich.table import Table
 
-from gridslam.cli.output import ended
+from gridslam.cli.output import ended, print_whole
 from gridslam.errors import InputError
 from gridslam.wording import counted
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gridslam.measurements.observations import Observations
     from gridslam.runs.reservation import Place
     from gridslam.runs.run import Run
+    from gridslam.runs.run_files import RunFiles
     from gridslam.runs.stopping import Termination
     from gridslam.runs.unfinished import Unfinished
     from gridslam.world.scene import Scene
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 out, err = Console(), Console(stderr=True)
 Scored = TypeVar("Scored")
 SUSPECT = ": suspect: "
-WIDEST_TABLE = 160
-"""Columns up to which the table is printed whole, whatever the terminal."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +165,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
 
     with held_back() as asked:  # loading what draws takes a second, in which the run would be lost
         from gridslam.runs.notes import health_notes
-        from gridslam.runs.run_files import read_run, write_run
+        from gridslam.runs.run_files import write_run
         from gridslam.viewers.plots import draw_all
 
         kept = done.kept
@@ -176,7 +175,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
         nonlocal whole
         try:
             with busy("drawing figures"):
-                draw_all(part, read_run(part, {run.agent: run.map for run in done.runs}))
+                draw_all(part, _read_back(part, world, done))
         except KeyboardInterrupt:
             whole = False
 
@@ -190,7 +189,7 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
         whole = False
     except InputError as error:  # the table is worth seeing all the same
         fault = error
-    out.print(_table(done.runs, done.scores), width=max(out.width, WIDEST_TABLE), crop=False)
+    print_whole(_table(done.runs, done.scores))
     unwell = [
         note
         for run, score in zip(done.runs, done.scores, strict=True)
@@ -206,6 +205,20 @@ def _written(folder: Path, place: Place, world: Scene, done: Done) -> bool:
         raise fault
     _say(f"wrote {folder}, computed on the {done.runs[-1].device}")
     return whole
+
+
+def _read_back(part: Path, world: Scene, done: Done) -> RunFiles:
+    """What figures are drawn from: the files or, where some couldn't be written, what they would hold."""
+    from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
+
+    try:
+        return read_run(part, {run.agent: run.map for run in done.runs})
+    except InputError:
+        agents = {
+            run.agent: AgentFiles(observed, run.trajectory, observed.truth, run.estimates, run.map)
+            for run, observed in zip(done.runs, done.observations, strict=True)
+        }
+        return RunFiles(world, {"method": done.runs[-1].method}, agents)
 
 
 def _say(line: str) -> None:

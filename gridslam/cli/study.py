@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gridslam.cli.options import flag
+from gridslam.cli.output import print_whole
 from gridslam.errors import InputError
 from gridslam.systems.registry import DEFAULT, method_help
 from gridslam.wording import counted
@@ -22,8 +23,6 @@ if TYPE_CHECKING:
     from gridslam.studies.workers import Workers
 
 out, err = Console(), Console(stderr=True)
-WIDEST_TABLE = 160
-"""Columns up to which the table is printed whole, whatever the terminal."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +190,7 @@ def _table(rows: list[dict[str, Any]]) -> None:
             "-" if math.isnan(row["silent_steps"]) else f"{row['silent_steps']:.0f}",
             "-" if math.isnan(row["ray_excess"]) else f"{row['ray_excess']:+.2f}",
         )
-    Console(width=max(out.width, WIDEST_TABLE)).print(table)
+    print_whole(table)
     note = (
         "after step 50 (of shorter runs the second half); x: times the bound of an unknown map; MOSPA: of "
         "the surfaces at the end; VAs: of the paths' virtual anchors; NEES: share of all steps in its 95 % "

@@ -1,4 +1,4 @@
-"""Covariances that others hand over: whether they can be any."""
+"""Covariances, and sums of information, that others hand over: whether they can be any."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from gridslam.errors import InputError
 
 SLACK = 1e-6
 """By which a correlation may be off."""
+ROUNDING = 1e-9
+"""The same of information, which differences of far larger numbers go into, by the largest number in it."""
 
 
 def require_covariance(covariance: NDArray[Any], where: str) -> None:
@@ -34,3 +36,15 @@ def require_covariance(covariance: NDArray[Any], where: str) -> None:
         raise InputError(where, "not positive definite", "a covariance")
     if np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min(initial=0) < -SLACK:
         raise InputError(where, "not positive definite", "a covariance")
+
+
+def is_information(sums: NDArray[Any]) -> bool:
+    """Whether all of these matrices (..., N, N) can be inverse covariances, or sums of squares.
+
+    They are finite, symmetric and positive semidefinite, but for rounding.
+    """
+    if not np.isfinite(sums).all():
+        return False
+    slack = ROUNDING * np.abs(sums).max((-2, -1), initial=0)
+    alike = np.abs(sums - sums.swapaxes(-2, -1)).max((-2, -1), initial=0) <= slack
+    return bool(alike.all() and (np.linalg.eigvalsh(sums).min(-1, initial=0) >= -slack).all())

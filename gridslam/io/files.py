@@ -42,6 +42,20 @@ def refuse_taken(paths: Iterable[Path], overwrite: bool = False) -> None:
             raise InputError(str(path), "something of this name", "a new name (or --overwrite)")
 
 
+def refuse_leaving(folder: Path, paths: Iterable[Path]) -> None:
+    """Refuse links in a folder that lead out of it: folders are shared, and what they name isn't theirs.
+
+    Raises
+    ------
+    InputError
+        One of the paths in the folder leads elsewhere, or nowhere.
+    """
+    root = os.path.realpath(folder)
+    for path in paths:
+        if not Path(os.path.realpath(path)).is_relative_to(root):
+            raise InputError(str(path), "a link that leads out of the folder", "files of the folder itself")
+
+
 def put_in_place(part: Path, path: Path) -> None:
     """Give a finished file its name, replacing what had it: after a power loss it is the old one or the new.
 
@@ -86,7 +100,9 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
         raise cannot_write(path, error) from error
 
 
-def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
+def write_files(
+    folder: Path, contents: Mapping[str, bytes], faults: list[InputError] | None = None
+) -> list[Path]:
     """Write files of a folder, which is made if need be; they are written aside and then get their names.
 
     Parameters
@@ -95,27 +111,49 @@ def write_files(folder: Path, contents: Mapping[str, bytes]) -> list[Path]:
         One whose parent is there; other files in it stay.
     contents : mapping of str to bytes
         By name.
+    faults : list of InputError, optional
+        Takes those of single files, which then don't cost the others.
+
+    Returns
+    -------
+    list of Path
+        Those that were written.
 
     Raises
     ------
     InputError
         The folder is read-only, or the disk is full; no file is left behind, and none is replaced.
     """
-    part = beside(folder)
+    part, alone = beside(folder), list[InputError]()
     try:
         try:
             shutil.rmtree(part, ignore_errors=True)
             part.mkdir()
+            whole = []
             for name, content in contents.items():
-                (part / name).write_bytes(content)
+                try:
+                    (part / name).write_bytes(content)
+                    whole.append(name)
+                except OSError as error:
+                    alone.append(cannot_write(folder / name, error))
+                    if faults is None or len(alone) == len(contents):  # not one file, but the disk
+                        raise
             folder.mkdir(exist_ok=True)
-            for name in contents:
-                put_in_place(part / name, folder / name)
+            for name in whole.copy():
+                try:
+                    put_in_place(part / name, folder / name)
+                except OSError as error:
+                    if faults is None:
+                        raise
+                    alone.append(cannot_write(folder / name, error))
+                    whole.remove(name)
         finally:
             shutil.rmtree(part, ignore_errors=True)
     except OSError as error:
         raise cannot_write(folder, error) from error
-    return [folder / name for name in contents]
+    if faults is not None:
+        faults += alone
+    return [folder / name for name in whole]
 
 
 @contextmanager

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
 from gridslam.errors import InputError
+from gridslam.io.files import write_bytes
 from gridslam.maps import map_files
 from gridslam.maps.map_cells import MapCells
+from gridslam.maps.nav2 import nav2_files
 from gridslam.maps.run_identity import repeated_run
 from gridslam.maps.walls import WallSegments, wall_segments
 from gridslam.wording import counted
@@ -116,12 +119,23 @@ class Map(MapCells):
             raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
     def to_nav2(self, directory: str | os.PathLike[str], raw: bool = False) -> None:
-        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`map_files`).
+        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`nav2_files`).
 
         Walls that were found are drawn in, and bands and specks of free cells behind them are unknown, unless
         `raw`: the cells alone.
+
+        Raises
+        ------
+        InputError
+            The folder can't be written to.
         """
-        map_files.write_nav2(self, directory, None if raw else self._walls)
+        folder = map_files.folder_of(directory)
+        for name, content in self.nav2_files(raw).items():
+            write_bytes(folder / name, content())
+
+    def nav2_files(self, raw: bool = False) -> dict[str, Callable[[], bytes]]:
+        """The files that `to_nav2` writes, by name, see `gridslam.maps.nav2.nav2_files`."""
+        return nav2_files(self, lambda: None if raw else self._walls)
 
     def to_csv(self, directory: str | os.PathLike[str]) -> None:
         """Write ``cells.csv`` (observed cells) and ``surfaces.csv``, see `map_files.write_csv`."""

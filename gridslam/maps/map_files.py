@@ -1,4 +1,4 @@
-"""Map files: HDF5 to hand over, nav2 pictures for robots, CSV for everything else."""
+"""Map files: HDF5 to hand over, CSV for everything else; `nav2` has pictures for robots."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ from gridslam.io.files import (
     writing_h5,
 )
 from gridslam.maps.map_cells import LEVELS, MapCells, anchors_of
-from gridslam.maps.nav2 import trinary
 from gridslam.maps.walls import WallSegments
 from gridslam.world.geometry import line_of_sfv
 from gridslam.world.levels import COEFFICIENTS
@@ -255,40 +254,6 @@ def read_owner(group: h5py.Group, count: int) -> np.ndarray:
     return get(group, "owner", (count,), "i") if "owner" in group else np.full(count, -1, np.int64)
 
 
-def write_nav2(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments | None) -> None:
-    """Write the map for the ROS nav2 map server.
-
-    ``map.yaml`` and ``map.pgm``: trinary, 254 free, 0 occupied, 205 never observed; first image row at the
-    highest y. ``reflection.yaml`` and ``reflection.pgm``: the same frame in nav2's raw mode, in which a cell
-    is the reflection coefficient in percent (0 to 100) and 255 unknown. Walls are occupied whatever their
-    cells say, and what lies behind them is unknown; None writes the cells alone.
-
-    Raises
-    ------
-    InputError
-        The folder can't be written to.
-
-    Notes
-    -----
-    ``free_thresh`` is 0.196 as in ROS 1 and in nav2 since 2025: the 0.25 of older nav2 savers turns the
-    unknown 205, (255 - 205) / 255 = 0.1961, into free space on reading.
-    """
-    picture = trinary(grid, walls)
-    percent = np.where(np.isnan(grid.reflection), 255, np.rint(100 * np.nan_to_num(grid.reflection)))
-    folder = _folder(directory)
-    for name, mode, pixels in (("map", "trinary", picture), ("reflection", "raw", percent)):
-        header = f"P5\n{grid.shape[1]} {grid.shape[0]}\n255\n".encode("ascii")
-        write_bytes(folder / f"{name}.pgm", header + pixels[::-1].astype(np.uint8).tobytes())
-        text = (
-            f"image: {name}.pgm\n"
-            f"mode: {mode}\n"
-            f"resolution: {_decimal(grid.cell_m)}\n"
-            f"origin: [{_decimal(grid.origin_m[0])}, {_decimal(grid.origin_m[1])}, 0.0]\n"
-            "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-        )
-        write_bytes(folder / f"{name}.yaml", text.encode("utf-8"))
-
-
 def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments) -> None:
     """Write ``cells.csv`` (observed cells by their centres), ``surfaces.csv`` and, if any, ``features.csv``.
 
@@ -300,7 +265,7 @@ def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegm
     InputError
         The folder can't be written to.
     """
-    folder = _folder(directory)
+    folder = folder_of(directory)
     cell = np.argwhere(grid.observed)
     centre = grid.origin_m + (cell[:, ::-1] + 0.5) * grid.cell_m
     pictures = [picture[grid.observed] for picture in (grid.occupancy, grid.reflection, grid.reflection_std)]
@@ -335,15 +300,17 @@ def _csv(path: Path, names: str, rows: np.ndarray) -> None:
     write_bytes(path, buffer.getvalue().replace("nan", "").encode("ascii"))
 
 
-def _folder(directory: str | os.PathLike[str]) -> Path:
+def folder_of(directory: str | os.PathLike[str]) -> Path:
+    """A folder, made if need be.
+
+    Raises
+    ------
+    InputError
+        It can't be made.
+    """
     folder = Path(directory)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_write(folder, error) from error
     return folder
-
-
-def _decimal(value: float) -> str:
-    """Full precision without an exponent, which YAML 1.1 would read as text (1e-05)."""
-    return np.format_float_positional(value, unique=True, trim="0")

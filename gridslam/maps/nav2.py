@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,6 +26,57 @@ side of a wall between two rows of cells at a slant, and free both rows over a m
 CROSSED_NAT = -0.7
 """Evidence of cells that a planner may take for free: their odds were halved. Far more were touched by the
 outermost rays of vague paths, also behind walls that were never heard, and learned next to nothing of."""
+
+
+def nav2_files(grid: MapCells, walls: Callable[[], WallSegments | None]) -> dict[str, Callable[[], bytes]]:
+    """What the ROS nav2 map server reads: content of files by name, each made by itself.
+
+    ``map.yaml`` and ``map.pgm``: trinary, 254 free, 0 occupied, 205 never observed; first image row at the
+    highest y. ``reflection.yaml`` and ``reflection.pgm``: the same frame in nav2's raw mode, in which a cell
+    is the reflection coefficient in percent (0 to 100) and 255 unknown. Walls are occupied whatever their
+    cells say, and what lies behind them is unknown; None gives the cells alone.
+
+    Parameters
+    ----------
+    grid : MapCells
+    walls : callable
+        Gives the walls, or None.
+
+    Notes
+    -----
+    ``free_thresh`` is 0.196 as in ROS 1 and in nav2 since 2025: the 0.25 of older nav2 savers turns the
+    unknown 205, (255 - 205) / 255 = 0.1961, into free space on reading.
+    """
+    return {
+        "map.pgm": lambda: _pgm(trinary(grid, walls())),
+        "map.yaml": partial(_yaml, grid, "map", "trinary"),
+        "reflection.pgm": lambda: _pgm(_percent(grid)),
+        "reflection.yaml": partial(_yaml, grid, "reflection", "raw"),
+    }
+
+
+def _percent(grid: MapCells) -> NDArray[np.uint8]:
+    percent = np.where(np.isnan(grid.reflection), 255, np.rint(100 * np.nan_to_num(grid.reflection)))
+    return percent.astype(np.uint8)
+
+
+def _pgm(pixels: NDArray[np.uint8]) -> bytes:
+    return f"P5\n{pixels.shape[1]} {pixels.shape[0]}\n255\n".encode("ascii") + pixels[::-1].tobytes()
+
+
+def _yaml(grid: MapCells, name: str, mode: str) -> bytes:
+    return (
+        f"image: {name}.pgm\n"
+        f"mode: {mode}\n"
+        f"resolution: {_decimal(grid.cell_m)}\n"
+        f"origin: [{_decimal(grid.origin_m[0])}, {_decimal(grid.origin_m[1])}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    ).encode()
+
+
+def _decimal(value: float) -> str:
+    """Full precision without an exponent, which YAML 1.1 would read as text (1e-05)."""
+    return np.format_float_positional(value, unique=True, trim="0")
 
 
 def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:

@@ -108,8 +108,8 @@ def write_run(
     overwrite : bool
         Whether an earlier run's folder may be replaced.
     draw : callable, optional
-        Draws ``figures/`` in the folder it is given. If it fails (or Ctrl-C ends it), the folder is kept
-        without them and the error passed on.
+        Draws ``figures/`` in the folder it is given. If it fails, the folder is kept with those that it
+        left (if Ctrl-C ends it, without them), and the error passed on.
     place : Place, optional
         The folder, if `reserve` has it already.
     more : dict of str to callable, optional
@@ -142,25 +142,24 @@ def write_run(
                 raise InputError(str(directory), faults[0].found, faults[0].allowed)
             here.precious = True
         trouble: BaseException | None = None
-        if draw is not None and not asked.is_set() and not faults:
+        if draw is not None and not asked.is_set():
             try:
                 draw(here.part)
             except (Exception, KeyboardInterrupt) as error:  # hours of filtering outweigh a figure
                 trouble = error
         with held_back() as asked_late:
-            if trouble is not None:
+            if isinstance(trouble, KeyboardInterrupt):
                 shutil.rmtree(here.part / "figures", ignore_errors=True)
             if faults and here.target.exists():  # a whole run isn't replaced by parts of one
                 found = f"an earlier, whole run; what could be written is kept in {here.keep()}"
-                raise Unwritten([*faults, InputError(str(directory), found, "a run without faults instead")])
+                beside = InputError(str(directory), found, "a run without faults instead")
+                raise Unwritten([*faults, *_undrawn(trouble, here), beside])
             here.finish()
         if trouble is None and (asked.is_set() or asked_late.is_set()):
             trouble = KeyboardInterrupt()
-    if faults:
-        raise Unwritten(faults)
-    if isinstance(trouble, InputError | OSError):
-        reason = trouble.found if isinstance(trouble, InputError) else trouble.strerror or str(trouble)
-        raise InputError(f"{here.target / 'figures'}", reason, "room for figures (the rest is written)")
+    undrawn = _undrawn(trouble, here)
+    if faults or undrawn:
+        raise Unwritten([*faults, *undrawn]) from trouble
     if trouble is not None:
         raise trouble
 
@@ -235,7 +234,7 @@ def _fill(
         try:
             write(place.part / name)
         except Exception as error:  # whatever it is: the other files are worth having
-            faults.append(_fault(place.target / name, error))
+            faults.append(fault_of(place.target / name, error))
             return False
         return True
 
@@ -259,7 +258,8 @@ def _fill(
     twin = place.part / last.agent / "map.h5"
     attempt("map.h5", lambda p: write_bytes(p, twin.read_bytes()) if twin.exists() else last.map.save(p))
     if last.map.observed.any():
-        attempt("map.yaml", lambda path: last.map.to_nav2(path.parent))
+        for name, content in last.map.nav2_files().items():
+            attempt(name, lambda path, content=content: write_bytes(path, content()))  # type: ignore[misc]
     attempt("scene.toml", lambda path: write_bytes(path, scene.to_toml().encode("utf-8")))
     summary = {
         "scene": scene.name,
@@ -280,12 +280,26 @@ def _fill(
     return faults
 
 
+def _undrawn(trouble: BaseException | None, place: Place) -> list[InputError]:
+    """A fault for each figure that is missing, or one for all of them."""
+    if isinstance(trouble, Unwritten):
+        figures = place.target / "figures"
+        return [
+            InputError(str(figures / Path(fault.where).name), fault.found, fault.allowed)
+            for fault in trouble.faults
+        ]
+    if isinstance(trouble, InputError | OSError):
+        reason = trouble.found if isinstance(trouble, InputError) else trouble.strerror or str(trouble)
+        return [InputError(f"{place.target / 'figures'}", reason, "room for figures (the rest is written)")]
+    return []
+
+
 def _pose(start: Start) -> dict[str, Any]:
     return {"position_m": start.position_m.tolist(), "heading_deg": float(np.degrees(start.heading_rad))}
 
 
-def _fault(path: Path, error: Exception) -> InputError:
-    """Say in one line why a file of a run is missing."""
+def fault_of(path: Path, error: Exception) -> InputError:
+    """Say in one line why a file of a run is missing, whatever went wrong."""
     if isinstance(error, InputError):
         return InputError(str(path), error.found, error.allowed)
     if isinstance(error, OSError):

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from gridslam.drawing.map_figure import FORMATS, encoded
 from gridslam.drawing.widths import fonts
 from gridslam.evaluation.consistency import nees_band
-from gridslam.io.files import write_files
+from gridslam.io.files import refuse_leaving, write_files
 from gridslam.studies.batches import Batch
 from gridslam.studies.looks import (
     BOUND,
@@ -68,7 +68,13 @@ def draw_study(
     form : str
         ``png``, ``pdf`` or ``svg``.
     width : float, inches
+
+    Raises
+    ------
+    InputError
+        The folder can't be written to, or its figures lie elsewhere by a link.
     """
+    refuse_leaving(directory, [directory / "figures"])
     groups: dict[tuple[str, str], list[Batch]] = {}
     for batch in found:
         groups.setdefault((batch.variant.name, batch.agent), []).append(batch)

@@ -222,8 +222,9 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         Raises
         ------
         InputError
-            It makes no sense, see `Scan.checked` and `SignalScan.checked`, its step is below that of the
-            scan before, or the map that the filter began with was made of it; the filter stays as it was.
+            It makes no sense, see `Scan.checked` and `SignalScan.checked`, its step is no whole number or
+            below that of the scan before, or the map that the filter began with was made of it; the filter
+            stays as it was.
         """
         began = time.perf_counter()
         scan = self._checked(scan, self.state.time_s)

@@ -25,6 +25,7 @@ from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.io.covariances import is_information
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
 
@@ -48,11 +49,12 @@ def require_sound_population(population: Population[State], model: FilterModel, 
 
 def _require_sound_ranges(ranges: RangeWatch, errors: int, where: str) -> None:
     """Refuse sums of what lines of sight say, of so many errors, that can't be."""
+    require_shapes([("information", ranges.information.shape, (errors, errors))], where)
     claims = [
-        ("information", ranges.information.shape == (errors, errors), "a row and a column for each error"),
         ("vector", ranges.vector.shape == (errors,), "a number for each error"),
-        ("information", bool(np.isfinite(ranges.information).all()), "finite"),
+        ("information", is_information(ranges.information), "symmetric and positive, an inverse covariance"),
         ("vector", bool(np.isfinite(ranges.vector).all()), "finite"),
+        *((name, 0 <= getattr(ranges, name) < np.inf, "0 or more") for name in ("total", "count", "steps")),
     ]
     require_claims(claims, where)
     for number, late in enumerate(ranges.late):
@@ -68,7 +70,7 @@ def _require_sound_sights(sights: SightWatch, anchors: int, where: str) -> None:
         ("sums", sights.sums.shape, (2, anchors, 4, 4)),
     ]
     require_shapes(shapes, where)
-    require_claims([("sums", bool(np.isfinite(sights.sums).all()), "finite")], where)
+    require_claims([("sums", is_information(sights.sums), "symmetric and positive, sums of squares")], where)
 
 
 def require_sound_weights(population: Population[Any], where: str) -> None:
@@ -221,7 +223,10 @@ def shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tuple
 
 def claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[str, bool, str]]:
     """What must hold of surfaces."""
+    ends, ways = np.isnan(bank.extent), np.isnan(bank.outermost.reshape(-1, 4))
     return [
+        (f"{name}/extent", bool((ends.all(1) == ends.any(1)).all()), "both ends, or neither"),
+        (f"{name}/outermost", bool((ways.all(1) == ways.any(1)).all()), "four numbers of a path, or none"),
         (f"{name}/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
         (f"{name}/age", _within(bank.age, 0, np.inf), "0 or more"),
         (f"{name}/seen", _within(bank.seen, 0, np.inf), "0 or more"),

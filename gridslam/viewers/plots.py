@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +34,15 @@ from gridslam.drawing.map_figure import (
     window_of,
 )
 from gridslam.drawing.widths import PAGE_IN, fonts
+from gridslam.errors import InputError, Unwritten
 from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells_heading, truth_of
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
 from gridslam.evaluation.surface_truth import AudibleSurfaces, false_surfaces
-from gridslam.io.files import write_files
+from gridslam.io.files import refuse_leaving, write_files
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.runs import network_files
-from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
+from gridslam.runs.run_files import AgentFiles, RunFiles, fault_of, read_run
 from gridslam.simulation.image_source import Truth
 from gridslam.systems.registry import kind_of, maps_features
 from gridslam.viewers import network_plots
@@ -233,61 +234,88 @@ def draw_all(
 
     Raises
     ------
+    Unwritten
+        Some figures couldn't be drawn or written; the others were.
     InputError
-        Not a run's folder, or it can't be written to.
+        Not a run's folder, it can't be written to, or its figures lie elsewhere by a link.
     """
     folder = Path(directory) / "figures"
+    refuse_leaving(Path(directory), [folder])
     run = read_run(directory) if run is None else run
     files: dict[str, bytes] = {}
     first = next(iter(run.agents.values()))
     earlier = inherited_truth(run.scene, first.map, latest=False)
     takes = kind_of(str(run.summary.get("method")))
-    shared = (Path(directory) / network_files.H5).exists()  # several agents at once
+    shared = any((Path(directory) / name).exists() for name in (network_files.H5, network_files.CSV))
     truths = {name: _truth(run.scene, name, found) for name, found in run.agents.items()}
-    for name, found in run.agents.items():
-        learned = maps_features(str(run.summary.get("method")), found.map.features) is not None
-        truth = truths[name]
+    faults: list[InputError] = []
+
+    def attempt(title: str, draw: Callable[[], Figure]) -> None:
+        try:
+            with fonts(width):
+                files[f"{title}.{form}"] = encoded(draw(), form)
+        except Exception as error:  # whatever it is: the other figures are worth having
+            faults.append(fault_of(folder / f"{title}.{form}", error))
+
+    for name in run.agents:
         beside = [t for other, t in truths.items() if shared and other != name and t is not None]
-        false = None if truth is None else false_surfaces(found.map.surfaces, truth)
-        with fonts(width):
-            drawn = {
-                "map": draw_map(
-                    found.map, run.scene, found.trajectory, found.truth, found.estimates, width, false
-                ),
-                "errors": draw_errors(run.scene, name, found, truth, earlier, width, takes, beside),
-            }
-            if any(np.isfinite(e.paths.points).any() for e in found.estimates):
-                drawn["rays"] = draw_rays(run.scene, name, found, truth=truth, width=width)
-            if found.map.observed.any():
-                drawn["reflection"] = draw_reflection(found.map, run.scene, width)
-                levels = found.estimates[-1].coefficients.items() if found.estimates else ()
-                words = ", ".join(f"{name} {mean:.2f} ± {std:.2f}" for name, (mean, std) in levels)
-                if words:
-                    drawn["reflection"].axes[0].set_title(words, fontsize="small")
-            if isinstance(found.measurements, Recording):
-                drawn["signal"] = draw_signal(found.measurements, found.estimates, None, truth, width)
-                if truth is not None and not learned:  # features are no images of walls
-                    drawn["gospa"] = draw_gospa(run.scene, found.estimates, truth, width)
-                if has_images(found.estimates):
-                    drawn["images"] = draw_images(run.scene, found.estimates, width)
-            if learned and found.map.features is not None:
-                drawn["sights"] = draw_sights(run.scene, found.estimates, truth, width)
-                tracks = found.trajectory, found.truth
-                drawn["features"] = draw_features(run.scene, found.map.features, *tracks, width)
-            files |= _encoded({f"{name}-{title}": figure for title, figure in drawn.items()}, form)
-        earlier += [truth] if truth is not None and not shared else []
+        for title, draw in _figures(run, name, truths[name], tuple(earlier), beside, takes, width).items():
+            attempt(f"{name}-{title}", draw)
+        earlier += [t for t in [truths[name]] if t is not None and not shared]
     if shared:
-        clocks, truth_of_clocks = network_files.read_clocks(Path(directory) / network_files.H5)
-        with fonts(width):
-            drawn = {
-                "clocks": network_plots.draw_clocks(clocks, truth_of_clocks, width),
-                "tracks": network_plots.draw_tracks(run, width),
-                "labels": network_plots.draw_labels(run, width),
-            }
-        files |= _encoded(drawn, form)
-    written = write_files(folder, files)
-    _drop_others(folder, list(run.agents), written, form)
+        clocks = Path(directory) / network_files.H5
+        attempt("clocks", lambda: network_plots.draw_clocks(*network_files.read_clocks(clocks), width))
+        attempt("tracks", lambda: network_plots.draw_tracks(run, width))
+        attempt("labels", lambda: network_plots.draw_labels(run, width))
+    written = write_files(folder, files, faults) if files else []
+    failed = [Path(fault.where) for fault in faults]
+    _drop_others(folder, list(run.agents), [*written, *failed], form)
+    if faults:
+        raise Unwritten(faults)
     return written
+
+
+def _figures(
+    run: RunFiles, name: str, truth: Truth | None, earlier: Sequence[Truth], beside: Sequence[Truth],
+    takes: Kind, width: float,
+) -> dict[str, Callable[[], Figure]]:  # fmt: skip
+    """What draws the figures of an agent, by title; arguments as of `draw_errors`."""
+    scene, found = run.scene, run.agents[name]
+    features = found.map.features
+    learned = maps_features(str(run.summary.get("method")), features) is not None
+    figures: dict[str, Callable[[], Figure]] = {
+        "map": lambda: draw_map(
+            found.map, scene, found.trajectory, found.truth, found.estimates, width,
+            None if truth is None else false_surfaces(found.map.surfaces, truth),
+        ),
+        "errors": lambda: draw_errors(scene, name, found, truth, earlier, width, takes, beside),
+    }  # fmt: skip
+    if any(np.isfinite(e.paths.points).any() for e in found.estimates):
+        figures["rays"] = lambda: draw_rays(scene, name, found, truth=truth, width=width)
+    if found.map.observed.any():
+        figures["reflection"] = lambda: _reflection(scene, found, width)
+    heard = found.measurements
+    if isinstance(heard, Recording):
+        figures["signal"] = lambda: draw_signal(heard, found.estimates, None, truth, width)
+        if truth is not None and not learned:  # features are no images of walls
+            figures["gospa"] = lambda: draw_gospa(scene, found.estimates, truth, width)
+        if has_images(found.estimates):
+            figures["images"] = lambda: draw_images(scene, found.estimates, width)
+    if learned and features is not None:
+        tracks = found.trajectory, found.truth
+        figures["sights"] = lambda: draw_sights(scene, found.estimates, truth, width)
+        figures["features"] = lambda: draw_features(scene, features, *tracks, width)
+    return figures
+
+
+def _reflection(scene: Scene, found: AgentFiles, width: float) -> Figure:
+    """Reflection coefficients of cells, with what was learned of floor and ceiling above them."""
+    figure = draw_reflection(found.map, scene, width)
+    levels = found.estimates[-1].coefficients.items() if found.estimates else ()
+    words = ", ".join(f"{name} {mean:.2f} ± {std:.2f}" for name, (mean, std) in levels)
+    if words:
+        figure.axes[0].set_title(words, fontsize="small")
+    return figure
 
 
 def _drop_others(folder: Path, agents: Sequence[str], written: Sequence[Path], form: str) -> None:
@@ -305,8 +333,8 @@ def draw_export(grid: Map, directory: str | os.PathLike[str]) -> list[Path]:
     InputError
         The folder can't be written to.
     """
-    figures = {"occupancy": draw_map(grid), "reflection": draw_reflection(grid)}
-    return write_files(Path(directory), _encoded(figures))
+    figures = {"occupancy.png": draw_map(grid), "reflection.png": draw_reflection(grid)}
+    return write_files(Path(directory), {name: encoded(figure) for name, figure in figures.items()})
 
 
 def _truth(scene: Scene, name: str, found: AgentFiles) -> Truth | None:
@@ -318,8 +346,3 @@ def _seen_so_far(truth: Truth, earlier: Sequence[Truth], steps: int) -> list[int
     """How many true surfaces some path had hit by each step, a curved wall once: as scores count them."""
     audible = AudibleSurfaces.of(truth, earlier)
     return [audible.count(step) for step in range(steps)]
-
-
-def _encoded(figures: Mapping[str, Figure], form: str = "png") -> dict[str, bytes]:
-    """Files of figures, by name."""
-    return {f"{title}.{form}": encoded(figure, form) for title, figure in figures.items()}

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gridslam.io.files import refuse_leaving
 from gridslam.maps.map import Map
 from gridslam.runs.notes import health_notes, lost_note
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
@@ -88,11 +89,13 @@ def write_report(
     Raises
     ------
     InputError
-        Not a run's folder, one that can't be written to, or something else of the report's name in it.
+        Not a run's folder, one that can't be written to, something else of the report's name in it, or
+        figures that are links to elsewhere.
     """
     folder = Path(directory)
     run = read_run(folder)
     refuse_other(folder, overwrite)
+    refuse_leaving(folder, [folder / "figures", *(folder / "figures").glob("*")])
     figures = sorted((folder / "figures").glob("*.png")) or draw_all(folder)
     parts = [_head(run), _scores(run.summary.get("agents", {}))]
     for place, (name, found) in enumerate(run.agents.items()):

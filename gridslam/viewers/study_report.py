@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 
 from gridslam.errors import InputError
+from gridslam.io.files import refuse_leaving
 from gridslam.viewers.page import MIME, picture, refuse_other, table, write_page
 
 SUMMARY = "summary.csv"
@@ -55,9 +56,11 @@ def write_study_report(folder: Path, overwrite: bool = False) -> Path:
     Raises
     ------
     InputError
-        The table can't be read or the folder not written to, or something else has the report's name.
+        The table can't be read or the folder not written to, something else has the report's name, or
+        figures are links to elsewhere.
     """
     refuse_other(folder, overwrite)
+    refuse_leaving(folder, [folder / SUMMARY, folder / "figures", *(folder / "figures").glob("*")])
     rows = _summary(folder / SUMMARY)
     scenes = ", ".join(dict.fromkeys(row["scene"] for row in rows))
     parts = [

@@ -140,7 +140,7 @@ def require_time(where: str, time_s: float, after: float | None = None) -> None:
 
 
 def require_step(step: object, after: int | None = None) -> None:
-    """Refuse a step that isn't a number, or is below `after`, that of the scan before.
+    """Refuse a step that isn't a whole number, or is below `after`, that of the scan before.
 
     Times tell a scan that is handed over twice; who numbers none of them leaves all at 0.
 
@@ -151,8 +151,10 @@ def require_step(step: object, after: int | None = None) -> None:
     """
     try:
         number = float(step)  # type: ignore[arg-type]  # whatever somebody gave
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError("scan: step", repr(step), "a whole number") from None
+    if not number.is_integer():
+        raise InputError("scan: step", str(step), "a whole number")
     if after is not None and number < after:
         raise InputError("scan: step", str(step), f"{after} or above, after the scan before")
 

@@ -8,9 +8,9 @@ reads needn't be handed over at all, see `copying`.
 Before its first launch, Taichi reads a kernel: it notes for every expression where it stands, which takes
 half the time and serves its complaints alone, and looks for a function's source at every call of it.
 
-All of this is private to Taichi 1.7, and nothing else in the package is, but what `taichi_inside` asks for.
-So it is tried on a small kernel first, see `agrees`; should anything differ, all launches go Taichi's own
-way, and steps take twice as long.
+All of this is private to Taichi 1.7, and `taichi_inside` alone knows of it. So it is tried on a small
+kernel first, see `agrees`; should anything differ, all launches go Taichi's own way, and steps take twice as
+long.
 """
 
 import gc
@@ -30,7 +30,14 @@ from gridslam.kernels.primitives.device import ON_CPU
 from gridslam.kernels.primitives.launch_trial import attempts as _attempts
 from gridslam.kernels.primitives.launch_trial import sample as _sample
 from gridslam.kernels.primitives.packing import as_packs, flat_names, grouped, members_of
-from gridslam.kernels.primitives.taichi_inside import numpy_type, read_quickly
+from gridslam.kernels.primitives.taichi_inside import (
+    Arguments,
+    compiled_and_program,
+    inner,
+    machine_code,
+    numpy_type,
+    read_quickly,
+)
 from gridslam.kernels.primitives.watching import WATCHERS, Launch
 
 _one_at_a_time = threading.RLock()
@@ -39,8 +46,6 @@ Place = tuple[int]
 ndarray, NOTHING = np.ndarray, object()
 MOST_LAUNCHES, KEYS = 16, ("only", "start", "whose", "anchor", "path", "radio")
 """Launches of a kernel that a thread keeps side by side; arguments that tell them apart, anchors mostly."""
-PRIVATE = ("arguments", "compiled_kernels", "runtime")
-"""What a kernel of Taichi 1.7 keeps of itself."""
 GOOD = [True]
 START_OF: Callable[[Any], Any] = (c_char * 0).from_buffer
 """Stands at an array's first number."""
@@ -73,9 +78,9 @@ def quick(kernel: Any, copied: Sequence[str] = ()) -> Any:
     A thread keeps the arguments of its last launches of each kernel, one for each of the last few anchors,
     and takes an array that it keeps for unchanged: nobody may give it another shape, type or size in place.
     """
-    primal: Any = getattr(kernel, "_primal", None)
-    if not all(hasattr(primal, name) for name in PRIVATE):
-        return kernel  # a Taichi that keeps these elsewhere
+    primal = inner(kernel)
+    if primal is None:
+        return kernel
     hurried, plain, name = _hurrying(kernel, copied), _plain(kernel), kernel.__name__
 
     @wraps(kernel)
@@ -91,7 +96,7 @@ def quick(kernel: Any, copied: Sequence[str] = ()) -> Any:
 
 def _plain(kernel: Any) -> Launch:
     """Taichi's own launch, with blocks handed over as tuples."""
-    known = kernel._primal.arguments
+    known = inner(kernel).arguments
     if not any(members_of(argument.annotation) for argument in known):
         return kernel
 
@@ -106,16 +111,16 @@ def _plain(kernel: Any) -> Launch:
 def agrees() -> bool:
     """Whether quick launches do what Taichi's own do, here and now; tried once in a process.
 
-    A kernel is launched both ways: with the same arguments again, with other ones, and in turns.
+    A kernel is read and launched both ways: with the same arguments again, with other ones, and in turns.
     """
     with _one_at_a_time:
         if not _verdict:
-            kernel, attempts, hurried, trouble = _sample(), _attempts(), [], ""
+            attempts, hurried, trouble = _attempts(), [], ""
             try:
-                hurried = _made(_hurrying(kernel), attempts)
+                hurried = _made(_hurrying(_sample()), attempts)
             except Exception as error:
                 trouble = f"{type(error).__name__}: {error}"
-            if _made(_plain(kernel), attempts) != hurried:  # if this fails, so does any launch
+            if _made(_plain(_sample()), attempts) != hurried:  # if this fails, so does any launch
                 trouble = trouble or "results differ"
             _verdict.append(not trouble)
             if trouble:
@@ -137,7 +142,7 @@ def _made(kernel: Launch, attempts: Sequence[tuple[Any, ...]]) -> list[bytes]:
 
 def _hurrying(kernel: Any, copied: Sequence[str] = ()) -> Launch:
     """A quick launch of a kernel, whether that agrees or not."""
-    primal, plain = kernel._primal, _plain(kernel)
+    primal, plain = inner(kernel), _plain(kernel)
     known = primal.arguments
     packs = [n for n, argument in enumerate(known) if members_of(argument.annotation)]
     others = [n for n in range(len(known)) if n not in packs]
@@ -153,7 +158,7 @@ def _hurrying(kernel: Any, copied: Sequence[str] = ()) -> Launch:
     copies = _places_of(copied, known) if ON_CPU else []
 
     def launch(*arguments: Any) -> Any:
-        compiled = primal.compiled_kernels
+        compiled, program = compiled_and_program(primal)
         if len(compiled) != 1 or len(arguments) != len(known):
             return plain(*arguments) if compiled else _first(plain, arguments)
         values = list(arguments)
@@ -161,11 +166,11 @@ def _hurrying(kernel: Any, copied: Sequence[str] = ()) -> Launch:
             values = [*compress(arguments, alone), *chain.from_iterable(compress(arguments, blocks))]
         if len(values) != len(slots):
             return plain(*arguments)
-        (code,), program = compiled.values(), primal.runtime.prog
+        (code,) = compiled.values()
         reused = _reused_launch(own, code, program, values, key, spare)
         context, handed = reused.context, reused.handed
         if not ON_CPU:
-            context, handed = _context(code, reused.empty), [NOTHING] * len(handed)
+            context, handed = reused.fresh(), [NOTHING] * len(handed)
         for number in copies:
             value, mine = values[number], handed[number]
             if type(value) is not ndarray:
@@ -178,7 +183,7 @@ def _hurrying(kernel: Any, copied: Sequence[str] = ()) -> Launch:
         for number in compress(numbers, map(is_not, values, handed)):
             if not _hand_over(context, handed, number, slots[number], values[number]):
                 return plain(*arguments)
-        return program.launch_kernel(reused.machine, context)
+        return context.launch()
 
     return launch
 
@@ -195,14 +200,6 @@ def _places_of(names: Sequence[str], known: Sequence[Any]) -> list[int]:
     flat = flat_names(known)
     blocks = {argument.name: members_of(argument.annotation) for argument in known}
     return [flat.index(name) for one in names for name in blocks.get(one) or [one]]
-
-
-def _context(code: Any, empty: Mapping[int, Any]) -> Any:
-    """A launch; packs hold nothing but arrays, which don't stand in them, so any will do."""
-    context = code.make_launch_context()
-    for place, pack in empty.items():
-        context.set_arg_argpack((place,), pack._ArgPack__argpack)
-    return context
 
 
 def _key(names: list[str]) -> int | None:
@@ -235,14 +232,20 @@ class _ReusedLaunch:
 
     def __init__(self, code: Any, program: Any, machine: Any, empty: Mapping[int, Any], most: int) -> None:
         self.code, self.program, self.machine, self.empty = code, program, machine, empty
-        self.context, self.handed = _context(code, empty), [NOTHING] * most
+        self.context, self.handed = self.fresh(), [NOTHING] * most
+
+    def fresh(self) -> Arguments:
+        """A launch; packs hold nothing but arrays, which don't stand in them, so any will do."""
+        context = Arguments(self.program, self.code, self.machine)
+        for place, pack in self.empty.items():
+            context.pack((place,), pack)
+        return context
 
     @classmethod
     def first(cls, code: Any, program: Any, spare: Mapping[int, Any], most: int) -> "_ReusedLaunch":
         """The first of a kernel: its machine code, and packs that hold nothing."""
-        machine = program.compile_kernel(program.config(), program.get_device_caps(), code)
         empty = {place: kind(**dict.fromkeys(kind.members)) for place, kind in spare.items()}
-        return cls(code, program, machine, empty, most)
+        return cls(code, program, machine_code(program, code), empty, most)
 
     def another(self) -> "_ReusedLaunch":
         """Another one of the same kernel, to which nothing is handed over yet."""
@@ -267,7 +270,9 @@ def _first(kernel: Launch, arguments: Sequence[Any]) -> Any:
                 gc.enable()
 
 
-def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, Any], value: Any) -> bool:
+def _hand_over(
+    context: Arguments, handed: list[Any], number: int, slot: tuple[Place, Any], value: Any
+) -> bool:
     """Put one argument into a launch, at its place; whether it is of the right kind."""
     place, kind = slot
     before, handed[number] = handed[number], NOTHING  # if an interrupt comes between, all is handed over
@@ -285,15 +290,15 @@ def _hand_over(context: Any, handed: list[Any], number: int, slot: tuple[Place, 
         # the shape takes longest to hand over, and mostly stands there
         known = type(before) is ndarray and before.shape == shape
         shape = () if known else shape[:-1] if inner else shape
-        context.set_arg_external_array_with_shape(place, address, value.nbytes, shape, 0)
+        context.array(place, address, value.nbytes, shape, 0)
         handed[number] = value  # which keeps it where it is
     elif kind is float or kind is int:
         if type(value) is not kind:
             return False
-        (context.set_arg_float if kind is float else context.set_arg_int)(place, value)
+        (context.real if kind is float else context.whole)(place, value)
         handed[number] = value
     elif isinstance(value, ti.Ndarray) and (numpy_type(value.dtype), len(value.shape), ()) == kind:
-        context.set_arg_ndarray(place, value.arr)
+        context.device_array(place, value)
     else:
         return False
     return True

@@ -2,10 +2,12 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from feature_samples import learned
 from tiny import TINY
 
 import gridslam as gs
@@ -97,11 +99,33 @@ def test_tables_pictures_and_plans_of_an_export_can_be_checked(say, made):
     assert "table of observed cells of a map: " in results["cells.csv"].out
     assert "table of surfaces of a map: " in results["surfaces.csv"].out
     assert "GeoJSON: " in results["surfaces.geojson"].out
+    whole = say("check", "there")
+    assert (whole.code, whole.out.splitlines()[0]) == (0, "export of a map:")
+    assert {line.split(": ")[0] for line in whole.out.splitlines()} >= {
+        "map.yaml",
+        "cells.csv",
+        "surfaces.geojson",
+    }
     with Path("there/cells.csv").open("a") as file:
         file.write("1,2\n")
     result = say("check", "there/cells.csv")
     assert (result.code, len(result.complaints)) == (2, 1)
     assert "found 2 cells; allowed: 5, as the header" in result.err
+    assert say("check", "there").err == result.err
+    Path("there/map.pgm").unlink()
+    result = say("check", "there")
+    assert (result.code, len(result.complaints)) == (2, 1)
+    assert "map.pgm" in result.err
+
+
+@pytest.mark.parametrize("name", ["features.csv", "unexplained.csv"])
+def test_places_of_paths_can_be_checked(say, name):
+    grid = replace(gs.Map.blank([0.0, 0.0], 0.5, (4, 4), 0.05), features=learned([[1.0, 2.0]]))
+    grid.to_csv(".")
+    if name != "features.csv":  # as an export calls them where a method learns none
+        Path("features.csv").rename(name)
+    result = say("check", name)
+    assert (result.code, result.out.strip()) == (0, "table of features of a map: 1 row")
 
 
 def test_checkpoint_is_told(say):

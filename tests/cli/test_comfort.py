@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.table import Table
 from scene_samples import shortened
 from tiny import TINY
 
 import gridslam as gs
 from gridslam.cli.observed import hints
+from gridslam.cli.output import print_whole
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.runs.progress import LEAST_STEPS, LINES, progress_bar
 
@@ -30,6 +32,17 @@ def test_help_says_whose_false_alarms_are_without_labels(say):
     assert "false_alarms count for all together" in " ".join(
         say("simulate", "-h").out.replace("│", "").split()
     )
+
+
+def test_tables_are_printed_with_all_digits_however_long_names_are(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    table, numbers = Table(box=None), [f"{100 + n:.1f}%" for n in range(30)]
+    for title in ("agent", *numbers):
+        table.add_column(title, no_wrap=True)
+    table.add_row("an agent whose name is long", *numbers)
+    print_whole(table)
+    title, row = capsys.readouterr().out.splitlines()
+    assert title.split()[1:] == row.split()[6:] == numbers
 
 
 @pytest.mark.slow
@@ -70,9 +83,11 @@ def test_progress_is_told_in_lines_where_there_is_no_terminal(capsys):
 
 @pytest.mark.usefixtures("no_figures")
 def test_counts_of_surfaces_agree_in_table_and_file(say):
-    Path("tiny.toml").write_text(TINY)
-    result = say("run", "tiny.toml", "--agent", "agent1", "-o", "out")
-    own = json.loads(Path("out/run.json").read_text())["agents"]["agent1"]
+    name = "an-agent-with-a-long-name"
+    Path("tiny.toml").write_text(TINY.replace("agent1", name))
+    result = say("run", "tiny.toml", "--agent", name, "-o", "out")
+    own = json.loads(Path("out/run.json").read_text())["agents"][name]
+    assert f"{own['map']['occupied_precision']:.1%} " in result.out
     counts = [own[f"surfaces_{name}"] for name in ("detected", "matched", "true", "false")]
     assert counts[1] <= min(counts[0], counts[2])
     assert f"{counts[0]} {counts[1]}/{counts[2]} {counts[3]} " in result.out

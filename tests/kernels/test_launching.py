@@ -91,7 +91,29 @@ def nothing_happens(launching, monkeypatch):
     monkeypatch.setattr(launching, "_hurrying", lambda kernel: lambda *arguments: None)
 
 
-BROKEN = [other_numbers, stale_arrays, stale_shapes, no_such_method, another_order, nothing_happens]
+def other_source(launching, monkeypatch):
+    """A kernel that is read quickly is another one."""
+    from gridslam.kernels.primitives import taichi_inside
+
+    def sources(find):
+        def changed(thing):
+            lines, start = find(thing)
+            return [line.replace("anchor + factor", "anchor - factor") for line in lines], start
+
+        return changed
+
+    monkeypatch.setattr(taichi_inside, "_sources", sources)
+
+
+BROKEN = [
+    other_source,
+    other_numbers,
+    stale_arrays,
+    stale_shapes,
+    no_such_method,
+    another_order,
+    nothing_happens,
+]
 
 
 @pytest.mark.parametrize("broken", BROKEN)

@@ -112,7 +112,7 @@ def test_run_cut_off_while_it_is_written_leaves_the_old_one_and_no_rest(tmp_path
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Map, "to_nav2", stop)
+    monkeypatch.setattr(Map, "nav2_files", stop)
     with pytest.raises(KeyboardInterrupt):
         write(tmp_path / "out", scene, agents=("agent1",), overwrite=True)
     with pytest.raises(KeyboardInterrupt):
@@ -238,6 +238,30 @@ def test_figure_that_fails_does_not_cost_the_results(tmp_path, scene):
     with pytest.raises(RuntimeError, match="no fonts"):
         write(tmp_path / "out", scene, draw=draw)
     assert read_run(tmp_path / "out").summary["scene"] == "hall"
+
+
+def test_picture_that_cannot_be_written_is_named_and_costs_no_figure_and_no_picture(
+    tmp_path, scene, monkeypatch
+):
+    write_bytes = Path.write_bytes
+
+    def full(path, content):
+        if "reflection.pgm" in path.name:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write_bytes(path, content)
+
+    def draw(folder):
+        (folder / "figures").mkdir()
+        (folder / "figures" / "agent1-map.png").touch()
+        raise Unwritten([InputError(str(folder / "figures" / "agent1-rays.png"), "no fonts", "some")])
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(Unwritten) as caught:
+        write(tmp_path / "out", scene, draw=draw)
+    names = ["reflection.pgm", "figures/agent1-rays.png"]
+    assert [fault.where for fault in caught.value.faults] == [str(tmp_path / "out" / name) for name in names]
+    found = {"map.pgm", "map.yaml", "reflection.yaml", "run.json", "figures/agent1-map.png"}
+    assert found <= set(tree(tmp_path / "out"))
 
 
 @pytest.mark.parametrize("name", ["../up", "a/b", "", "map.h5", ".hidden", "figures"])

@@ -165,10 +165,16 @@ def test_interrupt_that_nothing_holds_back_loses_neither_run(tmp_path, monkeypat
 # ---- files ------------------------------------------------------------------------------------------
 
 
-def test_file_that_cannot_be_written_costs_no_other_and_is_one_line(tiny, no_figures, monkeypatch):
+def test_file_that_cannot_be_written_costs_no_other_and_is_one_line(tiny, monkeypatch):
+    drawn = []
+
     def fail(*_):
         raise ValueError("no\nsuch text")
 
+    def draw(folder, run):
+        drawn.extend((name, len(found.estimates) > 0) for name, found in run.agents.items())
+
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", draw)
     monkeypatch.setattr("gridslam.runs.run_files.write_steps", fail)
     result = tiny(*RUN)
     assert result.code == 2
@@ -177,6 +183,7 @@ def test_file_that_cannot_be_written_costs_no_other_and_is_one_line(tiny, no_fig
         "agent2/steps.h5",
     ]
     assert "surfaces" in result.out  # the table
+    assert drawn == [("agent1", True), ("agent2", True)]
     assert gs.Map.load("out/map.h5").observed.any()
     assert set(os.listdir("out/agent2")) == {"measurements.h5", "trajectory.tum", "truth.tum", "map.h5"}
     assert here() == ["out", "tiny.toml"]

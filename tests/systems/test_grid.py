@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from scene_samples import shortened
@@ -124,6 +125,29 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
         patch.setattr(values, "put", spoiled)
         slam.save(tmp_path / "checkpoint.h5")
     with pytest.raises(gs.InputError, match=name.split("/")[1]):
+        gs.GridSlam.resume(tmp_path / "checkpoint.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value"),
+    [
+        ("ranges/information", (0, 0), -250.0),
+        ("ranges/information", (0, 1), 0.5),
+        ("sights/sums", (0, 0, 1, 1), -1.0),
+        ("states/0/surfaces/extent", (0, 1), np.nan),
+        ("states/0/surfaces/outermost", (0, 1), np.nan),
+    ],
+)
+def test_a_checkpoint_whose_numbers_cannot_be_is_refused(tmp_path, name, place, value):
+    scene = shortened(gs.Scene.load("room"), 3)
+    slam = gs.GridSlam(scene, seed=4)
+    for scan in gs.simulate(scene, "agent1", 4):
+        slam.step(scan)
+    slam.save(tmp_path / "checkpoint.h5")
+    gs.GridSlam.resume(tmp_path / "checkpoint.h5")
+    with h5py.File(tmp_path / "checkpoint.h5", "a") as file:
+        file[f"believed/{name}"][place] = value
+    with pytest.raises(gs.InputError, match=f"{name}: found numbers that can't be"):
         gs.GridSlam.resume(tmp_path / "checkpoint.h5")
 
 

@@ -1,5 +1,6 @@
 """Scans at a filter's door: what makes no sense is refused in one line, and the filter stays as it was."""
 
+import math
 import tracemalloc
 from dataclasses import replace
 
@@ -30,6 +31,8 @@ BAD = {
     "same scan again": (lambda _: SCANS[2], r"time_s: found 2\.0; allowed: later than 2\.0, .*one scan"),
     "same time again": (lambda scan: replace(scan, time_s=2.0), r"time_s: found 2\.0; allowed: later than"),
     "step is text": (lambda scan: replace(scan, step="four"), "step: found 'four'; allowed: a whole number"),
+    "half a step": (lambda scan: replace(scan, step=3.5), r"scan: step: found 3\.5; allowed: a whole number"),
+    "no step": (lambda scan: replace(scan, step=math.nan), "scan: step: found nan; allowed: a whole number"),
     "steps that go back": (lambda scan: replace(scan, step=0), "scan: step: found 0; allowed: 2 or above"),
     "no time": (lambda scan: replace(scan, time_s=np.nan), "scan: time_s: found nan; allowed: a finite"),
     "time is text": (lambda scan: replace(scan, time_s="soon"), "scan: found could not convert"),

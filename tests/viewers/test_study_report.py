@@ -36,6 +36,15 @@ def test_the_page_has_a_row_for_each_setting_and_the_figures(say, study):
     assert say("report", study).code == 0, "its own page is made again"
 
 
+def test_a_figure_that_is_a_link_to_elsewhere_is_refused(say, study, tmp_path):
+    (tmp_path / "secret.png").write_bytes(PIXEL)
+    (study / "figures" / "room-agent1-map.png").symlink_to(tmp_path / "secret.png")
+    told = say("report", study)
+    assert (told.code, len(told.complaints)) == (2, 1)
+    assert "room-agent1-map.png: found a link that leads out of the folder" in told.err
+    assert not (study / "report.html").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -24,8 +24,8 @@ reason              said when                                   by              
                     other has been since (direct SLAM)
 `misfit`            innovations leave their chi-square band     `monitor`, `signal_watch`        section 9
 `clutter`           an anchor's clutter is 3 times the scene's  `monitor.HealthMonitor.assess`   (M46)
-`turned`            an anchor's turn is beyond doubt            `monitor.HealthMonitor.assess`,  section 9,
-                                                                `sight_watch.SightWatch`         (M511)
+`turned`            an anchor's turn is beyond doubt, and       `monitor.HealthMonitor.assess`,  section 9,
+                    `offset` isn't told of all anchors          `sight_watch.SightWatch`         (M511)
 `few_particles`     fewer than 3 (hybrid SLAM: 30) carry an     `monitor`,                       section 9, 15
                     association, where the belief is particles  `signal_watch.assess_particles`
 `early`             at over half of the latest steps        `signal_watch`                   (M451)

@@ -201,8 +201,7 @@ class HealthMonitor:
         if clutter > LOUD_CLUTTER * stated:
             found.append(reasons.clutter(clutter, stated))
         if turned.any() and not self.distrusted:
-            worst = int(np.abs(turned).argmax())
-            found.append(reasons.turned(model.anchor_names[worst], float(np.degrees(turned[worst]))))
+            found.append(most_turned(turned, model))
         # a Gaussian asks them for likelihoods alone
         if effective < FEW and model.settings.representation == "particles":
             found.append(reasons.few_particles(effective))
@@ -219,6 +218,12 @@ class HealthMonitor:
         return health, replace(
             self, usual=self.usual + (SLOW if self.usual > 0 else 1.0) * (share - self.usual)
         )
+
+
+def most_turned(turned: Array, model: FilterModel) -> str:
+    """Which anchor is turned farthest by turns (J,), rad, in words."""
+    worst = int(np.abs(turned).argmax())
+    return reasons.turned(model.anchor_names[worst], float(np.degrees(turned[worst])))
 
 
 def innovation_band(freedom: float, deviations: float = 3.09) -> tuple[float, float]:

@@ -15,6 +15,8 @@ ONE_ELSEWHERE = "one anchor stands elsewhere than the scene says"
 OFF_GRID = "the agent has left the grid"
 LEAPT = "as no motion does"
 """Of `leapt`, what tells it from all others."""
+OF_ALL = "distances of all anchors"
+"""Of `offset`, what tells that of all anchors from that of one."""
 ASTRAY = "what it hears isn't used for what all agents share"
 CLOCK_OPEN = "its clock isn't found yet: distances tell nothing"
 

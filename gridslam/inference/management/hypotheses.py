@@ -13,6 +13,7 @@ import numpy as np
 from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.doubt import Doubt, places
+from gridslam.inference.health.monitor import most_turned
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.health.sight_watch import SightWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
@@ -74,7 +75,9 @@ def advance(
     # of two anchors whose lines of sight don't cross, their own tell which is wrong
     doubt = (population.sights.doubt if population.sights else "") or ranges.doubt
     if doubt and not population.best.monitor.distrusted:  # who may be elsewhere can't accuse anchors
-        info = info.doubted(doubt)
+        # distances of all that are wrong put every line of sight elsewhere, as a turned anchor does
+        follows = most_turned(info.turned, model) if reasons.OF_ALL in doubt and info.turned.any() else ""
+        info = info.doubted(doubt, follows)
     best = population.best
     best = replace(best, monitor=best.monitor.judged(info.health.ok))
     return replace(population, states=(best, *population.states[1:]), ranges=ranges), info

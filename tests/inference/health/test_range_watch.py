@@ -8,6 +8,7 @@ import pytest
 from scene_samples import raised
 
 import gridslam as gs
+from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.range_fits import Crossing, errors_of, shift_of
 from gridslam.inference.health.range_watch import RangeWatch
@@ -201,3 +202,18 @@ def test_health_says_so_at_every_step_and_after_a_run_was_resumed(tmp_path):
     again = gs.AdaptiveSlam.resume(tmp_path / "at.h5")
     assert again.step(measurements.scan(2)).health.why == slam.step(measurements.scan(2)).health.why
     np.testing.assert_array_equal(again.population.ranges.information, before.information)
+
+
+@pytest.mark.parametrize(("metres", "anchor", "turned"), [(1.5, None, False), (1.5, 0, True)])
+def test_no_anchor_is_called_turned_while_distances_of_all_are_wrong(metres, anchor, turned):
+    measurements, slam = gs.simulate(ROOM, "agent1", 24), gs.AdaptiveSlam(ROOM, seed=1)
+    slam.step(measurements.scan(0))
+    told = slam.state.calibration.told(1, 0.15, 1e6)
+    state = replace(slam.state, calibration=told)
+    doubt = reasons.offset("all anchors" if anchor is None else "anchor A", metres)
+    ranges = replace(RangeWatch.start(2), doubt=doubt)
+    slam.now = slam.now._replace(believed=replace(slam.population, states=(state,), ranges=ranges))
+    health = slam.step(measurements.scan(1)).health
+    assert doubt in health.why
+    assert ("anchor B seems turned by" in health.why) == turned
+    assert not health.ok
