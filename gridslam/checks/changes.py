@@ -175,8 +175,9 @@ def _words(best: _Change, model: FilterModel) -> str:
     if best.since is None:
         way = "grow" if best.size > 0 else "shrink"
         return (
-            f"distances of anchor {name} {way} by {100 * much:.1f} cm a step more than they should, as by a "
-            "clock that drifts; give the scene [clocks] with anchor_prior_ns and drift_prior_ppb, or correct it"
+            f"distances of anchor {name} {way} by {100 * much:.1f} cm a step more than they should, as by "
+            "a clock that drifts; give the scene [clocks] with anchor_prior_ns and drift_prior_ppb, or "
+            "correct them"
         )
     way, cure = ("long", "subtract") if best.size > 0 else ("short", "add")
     time = f"{much / SPEED_OF_LIGHT * 1e9:.1f} ns"

@@ -10,6 +10,7 @@ import numpy as np
 
 from gridslam.checks.network_devices import device_lines, devices
 from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
+from gridslam.checks.range_words import clocks_advice
 from gridslam.checks.repeats import repeats_line
 from gridslam.errors import InputError, located
 from gridslam.io.files import reading_h5
@@ -93,7 +94,8 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
     if repeated := repeats_line(table.columns, measurements.agent):
         lines.append(f"suspect: {repeated}")
     if negative and scene is not None and scene.clocks is None:
-        lines.append("suspect: negative distances hold offsets of clocks: give the scene a table [clocks]")
+        advice = clocks_advice(float(low))
+        lines.append(f"suspect: negative distances hold offsets of clocks, {-low:.3g} m at least: {advice}")
     if 0 < named.mean() < 1:
         share = f"{1 - named.mean():.0%}"
         lines.append(
