@@ -101,6 +101,11 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
         lines.append(
             f"suspect: labels are missing on {share} of the rows: clutter of all anchors counts once"
         )
+    if scene is not None and not named.any() and _one_by_one(measurements, scene):
+        lines.append(
+            "suspect: anchor: no row says which anchor it is of, and the scene has no [clocks]: `run` "
+            "refuses it; give it a column anchor, or take --method network or network_grid, which need none"
+        )
     if scene is not None:
         absent = [
             body.name for body in scene.agents if body.present_s and body.name not in measurements.agents
@@ -118,6 +123,12 @@ def _against_scene(measurements: NetworkMeasurements, scene: Scene) -> list[str]
     accused = [one.agent for one in judged if suspicion_lines([one], scene)]
     few = untold_lines(judged, [device.agent for device in own])
     return [*few, *suspicion_lines(judged, scene), *device_lines(own, accused)]
+
+
+def _one_by_one(measurements: NetworkMeasurements, scene: Scene) -> bool:
+    """Whether a table is for methods of one agent, which know the anchors of its rows, as far as it goes."""
+    simulated = measurements.table.simulated is not None  # so it was asked for
+    return len(measurements.agents) == 1 and scene.clocks is None and not simulated
 
 
 def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasurements:

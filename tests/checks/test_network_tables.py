@@ -90,3 +90,17 @@ def test_methods_that_take_distances_as_they_are_refuse_unknown_clocks(scene):
         device.pop("clock", None)
     slam = gs.AdaptiveSlam(gs.Scene.checked(whole, "known"))
     assert np.isfinite(slam.state.belief.mean).all()
+
+
+def test_a_table_without_anchors_is_suspected_where_run_would_refuse_it(tmp_path):
+    room = gs.Scene.load("room")
+    table = gs.simulate(room, "agent1", 1)
+    table.to_csv(tmp_path / "whole.csv")
+    rows = [line.split(",") for line in (tmp_path / "whole.csv").read_text().splitlines()[:200]]
+    column = rows[0].index("anchor")
+    kept = [",".join(row[:column] + row[column + 1 :]) for row in rows]
+    (tmp_path / "bare.csv").write_text("\n".join(kept) + "\n")
+    told = gs.Scene.from_toml(f"{room.to_toml()}\n[clocks]\nanchor_prior_ns = 5\n", "told")
+    for scene, suspected in ((room, True), (told, False)):
+        lines = describe_network(tmp_path / "bare.csv", scene)
+        assert any("anchor: no row says which anchor it is of" in line for line in lines) == suspected
