@@ -1,4 +1,4 @@
-"""A method of your own: an extended Kalman filter on lines of sight. It knows the anchors and learns no map.
+"""A method of your own: a Kalman filter on lines of sight, planar (no heights), for one room. No map.
 
     gridslam run room --method own_method:SightFilter            (from this folder)
     gridslam study room --runs 5 --method grid --method own_method:SightFilter -o compare

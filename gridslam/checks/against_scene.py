@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.checks import by_handovers, elevations, time_units
-from gridslam.checks.column_readings import likeliest_way
+from gridslam.checks.column_readings import likeliest_way, rival_of_start
 from gridslam.checks.fit import least_share, tells_place
 from gridslam.checks.followed import followed, upheld
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
 from gridslam.checks.rivals import (
+    ALIKE,
     CERTAIN,
     EXPLAINED,
     MOST_BEHIND,
@@ -24,7 +25,7 @@ from gridslam.checks.rivals import (
     whole_cure,
 )
 from gridslam.checks.second_device import second_device
-from gridslam.checks.start_search import ELSEWHERE, RIVAL, goes_ahead, one_in_sight, other_start
+from gridslam.checks.start_search import ELSEWHERE, MANY_STARTS, RIVAL, goes_ahead, one_in_sight, other_start
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
@@ -65,9 +66,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
             sight, cured = cure.sight, cure.table
         if not found and cure is None and both_measured(asis):
             # from a wrong heading the right one is found, some steps later
-            elsewhere = other_start(asis, scene, agent, sight, sight)
-            if elsewhere is not None:
-                found, read, sight = _with_start(found, read, sight, asis, elsewhere)
+            found, read, sight = _start_or_column(asis, scene, agent, sight)
     found = offset_beside(found, asis, read, scene, agent, sight)
     found = with_places(found, asis, scene, agent, cured)
     if by_handovers.refuted(found, asis, scene, agent):
@@ -85,6 +84,36 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     if not found and sight.explained >= least_share(scene):
         found += second_device(asis, scene, agent, sight)
     return found
+
+
+def _start_or_column(
+    asis: Columns, scene: Scene, agent: str | None, plain: Sight
+) -> tuple[list[Suspicion], Columns, Sight]:
+    """A column read otherwise that fits from the told start, another start, or both; the table and its sight.
+
+    Nothing if the table fits no better from elsewhere.
+
+    Behind a wall the way's image, with arrivals counted the other way around, fits as well as the way itself.
+    """
+    elsewhere = other_start(asis, scene, agent, plain, plain)
+    if elsewhere is None:
+        return [], asis, plain
+    if elsewhere[0] is None or elsewhere[0].kind != "start":
+        return _with_start([], asis, plain, asis, elsewhere)
+    way = rival_of_start(asis, scene, agent, plain)
+    found = way.suspicions(asis, scene, agent)
+    if not found:
+        return _with_start([], asis, plain, asis, elsewhere)
+    # as many particles as begin anywhere, to be fair
+    fair = explain(way.table, scene, agent, way.in_world, crowd=MANY_STARTS)
+    elsewhere = other_start(asis, scene, agent, plain, fair)
+    start, sight = elsewhere or (None, fair)
+    if start is None:
+        return found, way.table, way.sight
+    if fair.explained < ALIKE * sight.explained:
+        return _with_start([], asis, plain, asis, (start, sight))
+    both = [*(replace(item, certain=False) for item in found), told_after(start, found)]
+    return [replace(item, certain=False) for item in both], way.table, way.sight
 
 
 def _best_cure(

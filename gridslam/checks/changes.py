@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gridslam.checks.crossed import BOUNDS, Crossed, fit_of
+from gridslam.checks.range_words import clocks_advice
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.inference.health.range_fits import LEAST_OFFSET_M, Gaps, Thing
 from gridslam.world.columns import Columns
@@ -174,12 +175,13 @@ def _words(best: _Change, model: FilterModel) -> str:
     if best.since is None:
         way = "grow" if best.size > 0 else "shrink"
         return (
-            f"distances of anchor {name} {way} by {100 * much:.1f} cm a step more than they should, as by a "
-            "clock that drifts; give the scene [clocks] with drift_prior_ppb, or correct them"
+            f"distances of anchor {name} {way} by {100 * much:.1f} cm a step more than they should, as by "
+            "a clock that drifts; give the scene [clocks] with anchor_prior_ns and drift_prior_ppb, or "
+            "correct them"
         )
     way, cure = ("long", "subtract") if best.size > 0 else ("short", "add")
     time = f"{much / SPEED_OF_LIGHT * 1e9:.1f} ns"
     return (
         f"distances of anchor {name} are {much:.2f} m ({time}) too {way} from about step {best.since} on, "
-        f"as by a clock that jumps; {cure} it there, or give the scene [clocks] and run network SLAM"
+        f"as by a clock that jumps; {cure} it there, or {clocks_advice(best.size)}"
     )

@@ -118,6 +118,24 @@ def likeliest_way(table: Columns, scene: Scene, agent: str | None, plain: Sight)
     return best
 
 
+def rival_of_start(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> Way:
+    """The one column whose other reading fits from the told start clearly better than the table as it stands.
+
+    For tables that fit well as they stand, as if the agent had begun elsewhere. As it stands, if none does.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
+    plain : Sight
+        What is explained as it stands.
+    """
+    least = max(plain.evidence, 0.0) + CERTAIN
+    ways = [way for way in _each_alone(table, scene, agent) if way.sight.evidence > least]
+    fair = [way for way in ways if way.sight.explained >= max(EXPLAINED, least_share(scene))]
+    return _with_rivals(fair, scene) if fair else Way((), table, plain)
+
+
 def _each_alone(table: Columns, scene: Scene, agent: str | None) -> list[Way]:
     """The whole table with one column read otherwise, for all readings that there are."""
     found = []

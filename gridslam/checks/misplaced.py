@@ -11,8 +11,12 @@ from gridslam.inference.health.range_fits import beyond_doubt, words
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
 
-RIVALS = {"offset", "slant", "start", "turned"}
+RIVALS = {"offset", "slant", "rise", "start", "turned"}
 """Kinds of suspicion that another place of an anchor may stand behind."""
+RANGES = {"offset", "slant", "rise"}
+"""Of them, errors of distances."""
+CURED = {"slant", "rise", "turned"}
+"""Those that come first if the table fits better as they say than with an anchor elsewhere."""
 LEFT = 0.7
 """Share of the misfit beyond what chance makes that an explanation may leave."""
 
@@ -36,7 +40,10 @@ def with_places(
         return found  # units come first, and clocks that nobody set stand for any distance
     model = scene.filter_model(agent)
     seen = Crossed.of(table, model)
-    if seen is None or ("turned" in kinds and cured is not None and seen.is_behind(Crossed.of(cured, model))):
+    if seen is None:
+        return found
+    told = bool(kinds & CURED) or not found  # or what the scene allows for
+    if told and cured is not None and cured is not table and seen.is_behind(Crossed.of(cured, model)):
         return found
     changed = change(seen, table, model)
     if changed is not None:
@@ -54,5 +61,5 @@ def with_places(
     )
     if fits[0].thing.is_shift:
         return [Suspicion("anchor", "place", text, len(fits) == 1, reason)]
-    others = [replace(item, certain=False) for item in found if item.kind not in ("offset", "slant")]
+    others = [replace(item, certain=False) for item in found if item.kind not in RANGES]
     return [Suspicion("distance_m", "offset", text, False, reason), *others]

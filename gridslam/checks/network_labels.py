@@ -16,6 +16,7 @@ import numpy as np
 from gridslam.checks.network_cures import Confusion, Cure, needed_cure
 from gridslam.checks.network_sights import FEWEST, Links, lines_of_sight, middle_of
 from gridslam.checks.range_errors import LEAST_OFFSET_M
+from gridslam.checks.range_words import clocks_advice
 from gridslam.checks.verdict import UNSURE
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.world.clocks import NS
@@ -116,7 +117,6 @@ def clock_lines(judged: Sequence[Judged], scene: Scene) -> list[str]:
 
 def _offset_line(name: str, offsets: Sequence[tuple[str, float]], scene: Scene) -> str:
     each = ", ".join(f"{far:+.2f} m ({far / NS:+.1f} ns) at {agent}" for agent, far in offsets)
-    cure = (
-        "give the scene a table [clocks]" if scene.clocks is None else "its prior in [clocks] is too narrow"
-    )
+    most = max((far for _, far in offsets), key=abs)
+    cure = clocks_advice(most) if scene.clocks is None else "its prior in [clocks] is too narrow"
     return f"suspect: distances of anchor {name} are off by {each}, as by clocks that differ: {cure}"

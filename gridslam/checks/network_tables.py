@@ -10,6 +10,7 @@ import numpy as np
 
 from gridslam.checks.network_devices import device_lines, devices
 from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
+from gridslam.checks.range_words import clocks_advice
 from gridslam.checks.repeats import repeats_line
 from gridslam.errors import InputError, located
 from gridslam.io.files import reading_h5
@@ -93,11 +94,17 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
     if repeated := repeats_line(table.columns, measurements.agent):
         lines.append(f"suspect: {repeated}")
     if negative and scene is not None and scene.clocks is None:
-        lines.append("suspect: negative distances hold offsets of clocks: give the scene a table [clocks]")
+        advice = clocks_advice(float(low))
+        lines.append(f"suspect: negative distances hold offsets of clocks, {-low:.3g} m at least: {advice}")
     if 0 < named.mean() < 1:
         share = f"{1 - named.mean():.0%}"
         lines.append(
             f"suspect: labels are missing on {share} of the rows: clutter of all anchors counts once"
+        )
+    if scene is not None and not named.any() and _one_by_one(measurements, scene):
+        lines.append(
+            "suspect: anchor: no row says which anchor it is of, and the scene has no [clocks]: `run` "
+            "refuses it; give it a column anchor, or take --method network or network_grid, which need none"
         )
     if scene is not None:
         absent = [
@@ -116,6 +123,12 @@ def _against_scene(measurements: NetworkMeasurements, scene: Scene) -> list[str]
     accused = [one.agent for one in judged if suspicion_lines([one], scene)]
     few = untold_lines(judged, [device.agent for device in own])
     return [*few, *suspicion_lines(judged, scene), *device_lines(own, accused)]
+
+
+def _one_by_one(measurements: NetworkMeasurements, scene: Scene) -> bool:
+    """Whether a table is for methods of one agent, which know the anchors of its rows, as far as it goes."""
+    simulated = measurements.table.simulated is not None  # so it was asked for
+    return len(measurements.agents) == 1 and scene.clocks is None and not simulated
 
 
 def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasurements:

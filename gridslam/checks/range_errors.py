@@ -9,9 +9,9 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.world.geometry import level_of, slant
 
-MOST_OFFSET_M, MOST_HEIGHT_M = 10.0, 8.0
+MOST_OFFSET_M, MOST_HEIGHT_M, MOST_RISE_M = 10.0, 8.0, 3.0
 """Within which they are looked for."""
-LEAST_OFFSET_M, LEAST_HEIGHT_M = 0.3, 0.7
+LEAST_OFFSET_M, LEAST_HEIGHT_M, LEAST_RISE_M = 0.3, 0.7, 0.3
 """Smaller ones aren't told of: a receiver's own bias, or a map that is drawn roughly, makes them, too."""
 SHRINKAGE = 0.98
 """Of the spread of particles at each redrawing (Liu and West, 2001); noise makes up for it."""
@@ -24,7 +24,8 @@ class RangeError:
     Attributes
     ----------
     kind : str
-        "offset" adds a constant; "slant" is a height difference other than the scene's.
+        "offset" adds a constant; "slant" is a height difference other than the scene's; "rise" is how much
+        higher the agent is than the scene says.
     anchors : tuple of int
         Whose distances have it, as indices into the scene's.
     """
@@ -35,13 +36,17 @@ class RangeError:
     @property
     def least_m(self) -> float:
         """The smallest size worth telling of, m."""
-        return LEAST_HEIGHT_M if self.kind == "slant" else LEAST_OFFSET_M
+        return {"slant": LEAST_HEIGHT_M, "rise": LEAST_RISE_M}.get(self.kind, LEAST_OFFSET_M)
+
+    @property
+    def bounds_m(self) -> tuple[float, float]:
+        """Sizes between which it is looked for, m."""
+        most = {"slant": MOST_HEIGHT_M, "rise": MOST_RISE_M}.get(self.kind, MOST_OFFSET_M)
+        return (0.0 if self.kind == "slant" else -most), most
 
     def start(self, count: int, draw: np.random.Generator) -> Array:
         """Sizes (N,) in m that are possible beforehand, evenly spread."""
-        if self.kind == "slant":
-            return draw.uniform(0, MOST_HEIGHT_M, count)
-        return draw.uniform(-MOST_OFFSET_M, MOST_OFFSET_M, count)
+        return draw.uniform(*self.bounds_m, count)
 
     def redrawn(self, size: Array, draw: np.random.Generator) -> Array:
         """Sizes (N,) moved a little, mean and spread kept, so that particles stay apart."""
@@ -56,10 +61,13 @@ class RangeError:
         """
         if anchor not in self.anchors:
             return slant(level, height)
+        if self.kind == "rise":
+            return slant(level, height - size)
         return slant(level, size) if self.kind == "slant" else slant(level, height) + size
 
     def cured(self, distance: Array, size: float, height: Array) -> Array:
         """What would have been measured without it."""
-        if self.kind == "slant":
-            return slant(np.maximum(level_of(distance, size), 1e-2), height)
+        if self.kind in ("slant", "rise"):
+            true = size if self.kind == "slant" else height - size
+            return slant(np.maximum(level_of(distance, true), 1e-2), height)
         return distance - size

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.checks.line_of_sight_filter import Sight
-from gridslam.checks.range_errors import MOST_HEIGHT_M, MOST_OFFSET_M, RangeError
+from gridslam.checks.range_errors import RangeError
 from gridslam.world.geometry import level_of, slant
 from gridslam.world.scene import Scene
 
@@ -115,7 +115,7 @@ def fit_heights(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> t
 
 def _best_size(sights: Array, places: Array, error: RangeError) -> tuple[float, float]:
     """The size of an error that leaves the least misfit, and that; finer and finer about the best so far."""
-    least, most = (0.0, MOST_HEIGHT_M) if error.kind == "slant" else (-MOST_OFFSET_M, MOST_OFFSET_M)
+    least, most = error.bounds_m
     sizes = np.arange(least, most + COARSE_M, COARSE_M)
     size = cost = 0.0
     for spread in (COARSE_M, 0.2 * COARSE_M, 0.04 * COARSE_M):
@@ -170,7 +170,7 @@ def _misfit(sights: Array, places: Array, error: RangeError | None, sizes: Array
             assert error is not None
             height = float(heights[number])
             predicted[..., number] = error.spoilt(flat[..., number], sizes[:, None], number, height)
-            if error.kind == "slant":
+            if error.kind != "offset":
                 slope[..., number] = flat[..., number] / predicted[..., number]
         expected = np.stack([predicted, direction, direction + np.pi - pose[..., None, 2]], -1)
         gap = values - expected

@@ -42,7 +42,7 @@ def range_note(scene: Scene, agent: str, observations: Observations) -> str | No
         sight = top
     cure = range_cure(table, scene, agent, sight)
     found = [] if cure is None or cure.suspicion is None else [cure.suspicion]
-    found = with_places(found, table, scene, agent)
+    found = with_places(found, table, scene, agent, cure.table if cure is not None else None)
     return found[0].text if found else None
 
 

@@ -11,13 +11,13 @@ import numpy as np
 from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.forgotten_heights import forgotten_heights
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_rad
-from gridslam.checks.range_errors import RangeError
+from gridslam.checks.range_errors import LEAST_RISE_M, RangeError
 from gridslam.checks.range_fit import RangeFit, fits
+from gridslam.checks.range_words import error_words
 from gridslam.checks.turned_anchors import Turn, by_chance, names_words, nearly, turned_tables, words
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import Columns
 from gridslam.world.network_scene import clock_model
-from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
 EXPLAINED = 0.85
@@ -35,6 +35,8 @@ MOST_MISFIT = 4.0
 """Misfit per degree of freedom above which even the best error in the distances explains nothing."""
 MOST_MISFIT_HEIGHT = 6.0
 """The same of a height of all anchors that others explain as much as: it's told as one of several causes."""
+WITHIN = 3.0
+"""Told deviations within which the agent's height may be another one."""
 STRAIGHT_RAD = np.radians(30)
 """Change of course below which a way is straight."""
 MOST_PERMUTED = 4
@@ -61,10 +63,13 @@ class Cure:
 
 
 def range_errors(scene: Scene) -> list[RangeError]:
-    """Offsets and heights of all anchors at once and of each of them."""
+    """Offsets and heights of all anchors at once and of each of them; the agent's, where heights tell it."""
     every = tuple(range(len(scene.anchors)))
     groups = [every, *((number,) for number in every if len(every) > 1)]
-    return [RangeError(kind, group) for group in groups for kind in ("offset", "slant")]
+    errors = [RangeError(kind, group) for group in groups for kind in ("offset", "slant")]
+    # of anchors that are all as high it is the same as their own height
+    told = scene.has_heights and np.ptp(scene.heights(None)) > LEAST_RISE_M
+    return [*errors, RangeError("rise", every)] if told else errors
 
 
 def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, plain: Sight) -> Cure | None:
@@ -186,10 +191,12 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
         f"stands; misfit of these {plain.misfit / max(best.misfit, 1e-9):.1f} times as large without it; "
         f"log likelihood ratio {best.gain(plain):.0f}"
     )
-    text = _words(error, best.size_m, scene)
+    text = error_words(error, best.size_m, scene, agent)
     for fit in alike:
         assert fit.error is not None
-        text += f"; or {_words(fit.error, fit.size_m, scene)}: too few anchors at once to tell which"
+        text += (
+            f"; or {error_words(fit.error, fit.size_m, scene, agent)}: too few anchors at once to tell which"
+        )
     suspicion = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
     return Cure(None if allowed_for(error, best.size_m, scene, agent) else suspicion, whole, after)
 
@@ -204,7 +211,10 @@ def _common_height(alike: list[RangeFit], plain: RangeFit, scene: Scene) -> Rang
 
 
 def allowed_for(error: RangeError, size_m: float, scene: Scene, agent: str | None) -> bool:
-    """Whether the scene's clocks, as little as it knows of them, may be the reason."""
+    """Whether the scene's clocks, or its agent's height, as little as it knows of them, may be the reason."""
+    if error.kind == "rise" and scene.agents:
+        body = scene.agent(agent) if agent is not None else scene.agents[0]
+        return abs(size_m) <= WITHIN * body.height_std_m
     if error.kind != "offset" or scene.clocks is None:
         return False
     names = [agent] if agent is not None else [body.name for body in scene.agents[:1]]
@@ -245,7 +255,7 @@ def offset_beside(
     kinds = {item.kind for item in found}
     if (
         not found
-        or kinds & {"offset", "slant", "names", "turned", "start", "agent", "second device"}
+        or kinds & {"offset", "slant", "rise", "names", "turned", "start", "agent", "second device"}
         or not both_measured(table)
     ):
         return found
@@ -273,7 +283,7 @@ def offset_beside(
         f"line of sight in {rival.explained:.0%} of {rival.judged}: {more} what else is suspected "
         f"(log likelihood ratio {gain:.0f}); one anchor at a time can't tell them apart"
     )
-    own = Suspicion("distance_m", "offset", _words(error, rival.size_m, scene), False, reason)
+    own = Suspicion("distance_m", "offset", error_words(error, rival.size_m, scene, agent), False, reason)
     others = [replace(item, certain=False) for item in found]
     if gain > CERTAIN:  # another reading of the distances is worse by far
         others = [item for item in others if item.column != "distance_m"]
@@ -299,7 +309,9 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
         f"line of sight in {moved.explained:.0%} of {moved.judged}, {sight.explained:.0%} as it stands; "
         f"log likelihood ratio {gain:.0f}; one anchor in sight can't tell it from another start"
     )
-    suspicion = Suspicion("distance_m", "offset", _words(error, moved.size_m, scene), False, reason)
+    suspicion = Suspicion(
+        "distance_m", "offset", error_words(error, moved.size_m, scene, agent), False, reason
+    )
     cured = table | {"distance_m": table["distance_m"] - moved.size_m}
     return Cure(suspicion, cured, explain(cured, scene, agent))
 
@@ -307,22 +319,6 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
 def both_measured(table: Columns) -> bool:
     """Whether there are distances, and angles to tell their errors from another place of the agent."""
     return bool(len(finite(table, "distance_m"))) and any(len(finite(table, name)) for name in ANGLES)
-
-
-def _words(error: RangeError, size: float, scene: Scene) -> str:
-    names = ", ".join(scene.anchor_names[number] for number in error.anchors)
-    whose = "of all anchors" if len(error.anchors) == len(scene.anchors) else f"of anchor {names}"
-    if error.kind == "slant":
-        wrong = "other heights than the scene's" if scene.has_heights else "the scene has no heights"
-        return (
-            f"slant ranges {whose}, about {size:.2f} m above or below the agent: {wrong}; "
-            "give them as third numbers of position_m, and the agent's as height_m"
-        )
-    time = abs(size) / SPEED_OF_LIGHT * 1e9
-    long, cure = ("long", "subtract it") if size > 0 else ("short", "add it")
-    much = f"{abs(size):.2f} m ({time:.1f} ns)"
-    instead = "" if scene.clocks is not None else ", or give the scene [clocks] and run network SLAM"
-    return f"distances {whose} are {much} too {long}, as by clocks that differ; {cure}{instead}"
 
 
 def orders(count: int) -> Iterator[tuple[int, ...]]:

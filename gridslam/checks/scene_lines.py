@@ -13,6 +13,10 @@ from gridslam.world.scene import Scene
 LEAST_CARRIER_HZ, LEAST_BANDWIDTH_HZ = 1e6, 1e5
 """Below these a radio can't be meant: at 100 kHz two paths must differ by 3 km to be told apart."""
 
+MUCH = 10.0
+"""Times the region's greater side by which no wall reaches out of it."""
+UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
+"""In which walls may be drawn, m."""
 MOST_NAMED = 12
 """Anchors up to which each is said of how often it is in sight."""
 
@@ -57,17 +61,26 @@ def implausible_radio(scene: Scene) -> list[str]:
 
 
 def _beyond(scene: Scene) -> list[str]:
-    """A line on walls that reach out of the region."""
+    """A line on walls that reach out of the region, and one on those that can hardly be in metres."""
     low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
-    out = []
+    out, lines = [], list[str]()
     for number, wall in enumerate(scene.walls):
         far = float(np.maximum(low - wall.corners, wall.corners - high).max())
-        if far > scene.grid.cell_m:
-            out.append(f"{wall.name or f'walls[{number}]'} by {far:.2g} m")
+        name = wall.name or f"walls[{number}]"
+        if far > MUCH * (high - low).max():
+            units = (
+                unit for unit, size in UNITS.items() if (np.abs(size * wall.corners) <= high - low).all()
+            )
+            guess = next(units, "millimetres")
+            lines.append(
+                f"suspect: {name} reaches {far:.4g} m out of a region of {high[0] - low[0]:g} x "
+                f"{high[1] - low[1]:g} m: {guess} for metres in its points_m?"
+            )
+        elif far > scene.grid.cell_m:
+            out.append(f"{name} by {far:.2g} m")
     named = ", ".join(out[:3]) + (f" and {len(out) - 3} more" if len(out) > 3 else "")
-    return [
-        f"note: walls reach out of the region (grid.x_m, grid.y_m), beyond which nothing is mapped: {named}"
-    ] * bool(out)
+    beyond = "out of the region (grid.x_m, grid.y_m), beyond which nothing is mapped"
+    return [*lines, *[f"note: walls reach {beyond}: {named}"] * bool(out)]
 
 
 def _in_sight(scene: Scene, way: Array) -> str:

@@ -15,12 +15,15 @@ from gridslam.checks.rivals import CERTAIN
 from gridslam.checks.sight_likelihood import ANGLE_STD
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import Suspicion
+from gridslam.checks.views import enclosed
 from gridslam.world.columns import Columns
 from gridslam.world.geometry import level_of, unit, wrap
 from gridslam.world.scene import Scene
 
 FIRST, MOST = 6, 3000
 """Steps whose rows propose poses, and poses at most."""
+MANY_STARTS = MOST // PARTICLES
+"""Times as many particles as usual as begin anywhere."""
 LEAST_M, SPREAD_M = 0.1, 0.2
 """Shortest level distance of a pose from its anchor; how far poses are spread about where a row puts them."""
 
@@ -37,12 +40,22 @@ NEAR_M, NEAR_RAD, LEG_M = 0.3, np.radians(10.0), 0.5
 def anywhere(table: Columns, scene: Scene, agent: str | None) -> Sight | None:
     """What lines of sight explain of a table, wherever the agent began; None if nothing tells where.
 
+    Where walls enclose the scene's start, they enclose any other.
+
     Parameters
     ----------
     table : dict of (K,) arrays
         Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
     """
     starts = proposed_starts(table, scene, agent)
+    if not len(starts):
+        return None
+    sight = explain(table, scene, agent, starts=starts)
+    walls = scene.segments()
+    told = scene.agent(agent).start_m if agent is not None else None
+    if told is None or enclosed(sight.start[:2], walls) or not enclosed(np.asarray(told), walls):
+        return sight
+    starts = starts[enclosed(starts[:, :2], walls)]
     return explain(table, scene, agent, starts=starts) if len(starts) else None
 
 
@@ -148,7 +161,7 @@ def _both_fit(one: Sight, other: Sight) -> bool:
 def _from_the_scenes(table: Columns, scene: Scene, agent: str) -> Sight:
     """What is explained from the scene's start by as many particles as begin anywhere, or through doors."""
     through = explain(table, scene, agent, thorough=True)  # who is slow, or turns, is followed best so
-    seen = explain(table, scene, agent, crowd=MOST // PARTICLES), settled(table, scene, agent), through
+    seen = explain(table, scene, agent, crowd=MANY_STARTS), settled(table, scene, agent), through
     return max(seen, key=lambda one: (one.explained >= least_share(scene), one.evidence))
 
 

@@ -28,8 +28,8 @@ class Suspicion:
     ----------
     column : str
     kind : str
-        "padding", "missing", "case", "names", "offset", "slant", "milliseconds", "microseconds", "fast",
-        "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
+        "padding", "missing", "case", "names", "offset", "slant", "rise", "milliseconds", "microseconds",
+        "fast", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
         "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
         "dB", "power", "level" or "variances".
     text : str

@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.simulation.occlusion import GRAZE
-from gridslam.world.geometry import Segments
+from gridslam.world.geometry import Segments, unit
+
+FAR_M, WAYS, OPEN = 1e4, 16, 2
+"""Where no wall is any more; directions in which walls are looked for; how many may miss, as by doors."""
 
 
 def in_view(start: Array, end: Array, walls: Segments) -> NDArray[np.bool_]:
@@ -27,6 +30,12 @@ def in_view(start: Array, end: Array, walls: Segments) -> NDArray[np.bool_]:
         here, along = _cross(away, span) / across, _cross(away, leg[..., None, :]) / across
         blocked = (here > GRAZE) & (here < 1 - GRAZE) & (along >= 0) & (along <= 1)
     return np.asarray(~blocked.any(-1))
+
+
+def enclosed(place: Array, walls: Segments) -> NDArray[np.bool_]:
+    """Whether walls stand around places (..., 2) in m, but for gaps as of doors (...); never without any."""
+    rays = FAR_M * unit(2 * np.pi * (np.arange(WAYS) + 0.5) / WAYS)
+    return np.asarray(in_view(place[..., None, :], place[..., None, :] + rays, walls).sum(-1) <= OPEN)
 
 
 def _cross(a: Array, b: Array) -> Array:

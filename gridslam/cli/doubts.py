@@ -19,6 +19,9 @@ UNWELL = 0.1
 """Share of the steps from which on measurements, which weren't simulated, are doubted."""
 OFTEN = 0.03
 """Share of sharp steps from which on the scene's motion is called too smooth."""
+KNOWN_M, SIGMAS, AROUND_M, PACES = 0.1, 4.0, 0.1, 3.0
+"""Deviation up to which a first position is known well; deviations, and metres, that it may be off besides;
+steps that an agent may go at once."""
 
 
 def fit_notes(
@@ -38,7 +41,34 @@ def fit_notes(
     if notes:  # such distances fit no true track either
         return [*notes, *early]
     misfit = _misfit_notes(world, runs, observations, file, scene)
-    return [*misfit, *early, *truth_notes(world, runs, observations)]
+    return [*misfit, *early, *start_notes(world, runs), *truth_notes(world, runs, observations)]
+
+
+def start_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
+    """Whose first poses lie out of what the told start's prior allows, known well from the first step on.
+
+    What leaps at the second step wasn't known at the first.
+    """
+    import numpy as np
+
+    notes = []
+    for run in runs:
+        body, begun = world.agent(run.agent), run.estimates[:2]
+        spread = [float(np.sqrt(np.trace(one.covariance[:2, :2]))) for one in begun]
+        if len(begun) < 2 or max(spread) > KNOWN_M:
+            continue
+        leap, away = (
+            float(np.linalg.norm(begun[0].position_m - place))
+            for place in (begun[1].position_m, run.began.position_m)
+        )
+        doubt = SIGMAS * spread[0] + AROUND_M
+        if leap < PACES * body.step_m + doubt and away > np.sqrt(2) * body.prior.position_m + doubt:
+            x, y = begun[0].position_m
+            notes.append(
+                f"{run.agent}: from the first step on the run puts it at ({x:.1f}, {y:.1f}) m, {away:.1f} m "
+                f"from the told start, known to {body.prior.position_m:g} m: see start_m, or the anchors"
+            )
+    return notes
 
 
 def early_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -151,7 +152,7 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
             bar.stop()
             again = f"{reported[0]} of {reported[1]} runs are kept; the same command goes on from here"
             err.print(f"interrupted: {again}", highlight=False, soft_wrap=True)
-            raise typer.Exit(130) from None
+            sys.exit(130)  # said already
 
 
 def _beside(error: float, unit: str, ratio: float) -> str:

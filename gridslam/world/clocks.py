@@ -70,7 +70,11 @@ class Clocks(Strict):
     @model_validator(mode="after")
     def _tied_down(self) -> Self:
         if self.anchor_prior_ns is None and self.reference is None:
-            raise fault("anchor_prior_ns", "neither it nor a reference", "a half width in ns, or a reference")
+            raise fault(
+                "anchor_prior_ns",
+                "neither it nor a reference",
+                "a half width in ns (0: known), or a reference",
+            )
         return self
 
 

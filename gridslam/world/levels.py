@@ -137,13 +137,15 @@ def check_heights(
     anchors: Sequence[Anchor], agents: Sequence[Agent], floor: Level | None, ceiling: Level | None
 ) -> None:
     """Heights of all anchors and agents, or of none; all of them above the floor and below the ceiling."""
-    tall = len(anchors[0].position_m) > 2
-    for index, anchor in enumerate(anchors):
-        if (len(anchor.position_m) > 2) != tall:
-            same = "[x, y, z]" if tall else "[x, y]"
-            found = str(list(anchor.position_m))
-            allowed = f"{same}, as of the first anchor: all have heights, or none has"
-            raise fault(f"anchors[{index}].position_m", found, allowed)
+    have = [len(anchor.position_m) > 2 for anchor in anchors]
+    tall = 2 * sum(have) >= len(have)  # of as many with as without, those without are to be completed
+    odd = [index for index, one in enumerate(have) if one != tall]
+    if odd:
+        names = ", ".join(anchors[index].name for index in odd)
+        found = f"{list(anchors[odd[0]].position_m)} (anchor{'s' if len(odd) > 1 else ''} {names})"
+        same = "[x, y, z]" if tall else "[x, y]"
+        allowed = f"{same}, as of the other anchors: all have heights, or none has"
+        raise fault(f"anchors[{odd[0]}].position_m", found, allowed)
     for index, agent in enumerate(agents):
         if tall and agent.height_m is None:
             raise fault(f"agents[{index}].height_m", "none", "its height: the anchors have heights")

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lab_samples import heard, lab, suspected
 
 import gridslam as gs
 from gridslam.checks.diagnose import suspicions
@@ -39,3 +40,38 @@ def test_a_height_of_all_anchors_is_named_beside_what_explains_as_much(seed):
     assert "probably slant ranges of all anchors" in line
     assert float(re.search(r"about ([\d.]+) m above", line)[1]) == pytest.approx(0.8, abs=0.1)
     assert named(heard, room) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("told_m", [0.2, 2.5])
+def test_another_height_of_the_agent_is_named(told_m):
+    """The lines of sight fit well with 0.2 m for 1.0 m, and anchors seem to stand elsewhere with 2.5 m."""
+    (found,) = suspected(heard(height_m=1.0), lab(height_m=told_m))
+    assert (found.kind, found.certain) == ("rise", True)
+    assert f"height_m at about 1.0, not {told_m:g}" in found.text
+
+
+@pytest.mark.slow
+def test_the_right_height_of_the_agent_is_let_pass_and_one_within_what_is_told():
+    assert suspected(heard(height_m=1.0), lab(height_m=1.0)) == []
+    assert suspected(heard(height_m=1.0), lab(height_m=1.4, height_std_m=0.3)) == []
+
+
+@pytest.mark.slow
+def test_heights_that_are_left_out_come_before_an_anchor_elsewhere():
+    (found,) = suspected(heard(height_m=1.0), lab())
+    assert found.kind == "slant"
+    assert "(north 1.5, south 0.8) m: the scene has no heights" in found.text
+
+
+@pytest.mark.slow
+def test_an_anchor_that_stands_elsewhere_isnt_taken_for_a_height():
+    right, told = heard(height_m=1.0), lab(height_m=1.0)
+    moved = [{"name": one.name, "position_m": one.position_m} for one in told.anchors]
+    moved[0]["position_m"] = (1.7, 4.5, 2.5)
+    turns = [{"orientation_deg": one.orientation_deg} for one in told.anchors]
+    anchors = [one | turn for one, turn in zip(moved, turns, strict=True)]
+    wrong = gs.Scene.checked({**told.model_dump(exclude_none=True), "anchors": anchors}, "wrong")
+    (found,) = suspected(right, wrong)
+    assert found.kind == "place"
+    assert "anchor north stands near (1.0, 4.5)" in found.text

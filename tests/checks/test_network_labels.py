@@ -90,7 +90,7 @@ def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, measurem
         received = measurements.without_labels() if unlabelled else measurements
         lines = label_and_clock_lines(received, still(scene))
         assert len(lines) == 4
-        assert all("give the scene a table [clocks]" in line for line in lines)
+        assert all("give the scene [clocks] with anchor_prior_ns = " in line for line in lines)
     offsets = [float(line.split("by ")[1].split(" m")[0]) for line in lines]
     np.testing.assert_allclose(offsets, np.array([-29.5, -9.5, 10.5, 30.5]), atol=0.5)
     narrow = label_and_clock_lines(measurements, still(scene, anchor_prior_ns=50.0))

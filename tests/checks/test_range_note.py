@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.checks.diagnose import describe
+from gridslam.checks.diagnose import describe, suspicions
 from gridslam.checks.range_note import fits_scene, range_note
 
 ROOM = gs.Scene.load("room")
@@ -29,7 +29,13 @@ def test_clocks_that_are_off_are_named_with_sign_size_and_cure(metres, anchor, w
     note = range_note(ROOM, "agent1", late(measurements, metres, anchor))
     assert note is not None
     assert re.search(words, note)
-    assert "[clocks]" in note
+    keys = re.search(r"give the scene \[clocks\] with (.*) and run network SLAM", note)
+    assert keys is not None
+    table = keys[1].replace(", ", "\n")
+    advised = gs.Scene.from_toml(f"{ROOM.to_toml()}\n[clocks]\n{table}\n", "advised")
+    heard = late(measurements, metres, anchor)
+    columns = {name: np.asarray(values) for name, values in heard.columns.items()}
+    assert suspicions(columns, heard.anchors, advised, "agent1") == []
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from check_tables import NAMES, SCENES, simulated_columns
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe
-from gridslam.checks.scene_lines import implausible_radio
+from gridslam.checks.scene_lines import implausible_radio, scene_lines
 from gridslam.measurements.table import Measurements
 
 
@@ -39,3 +39,19 @@ def test_check_says_so_of_scene_and_table(say, tmp_path):
     assert (said.code, "suspect: radio.bandwidth_hz: 500 Hz" in said.out) == (1, True)
     (line,) = [one for one in describe(tmp_path / "heard.csv", scene) if one.startswith("suspect")]
     assert "radio.bandwidth_hz: 500 Hz" in line
+
+
+@pytest.mark.parametrize(("times", "unit"), [(100, "centimetres"), (1000, "millimetres")])
+def test_walls_in_other_units_are_suspected_and_long_ones_are_not(times, unit):
+    room = gs.Scene.load("room")
+    data = room.model_dump(exclude_none=True)
+    drawn = {**data["walls"][0], "name": "drawn", "points_m": [(0.0, 1.0), (4.0, 1.0)]}
+    for factor, begins in ((times, "suspect: drawn reaches"), (8, "note: walls reach out")):
+        drawn["points_m"] = [(factor * x, factor * y) for x, y in ((0.0, 1.0), (4.0, 1.0))]
+        (line,) = [
+            one
+            for one in scene_lines(gs.Scene.checked({**data, "walls": [*data["walls"], drawn]}, "room"))
+            if one.startswith(("suspect", "note"))
+        ]
+        assert line.startswith(begins)
+        assert (unit in line) == (factor == times)

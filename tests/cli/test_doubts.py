@@ -8,9 +8,10 @@ import pytest
 
 import gridslam as gs
 from gridslam.checks import range_note
-from gridslam.cli.doubts import fit_notes
+from gridslam.cli.doubts import fit_notes, start_notes
 from gridslam.estimates import Health
 from gridslam.inference.health import reasons
+from gridslam.world.start import Start
 
 ROOM = gs.Scene.load("room")
 
@@ -23,6 +24,22 @@ def test_an_agent_that_moved_as_none_can_accuses_no_anchor(why, accused, monkeyp
         measurements.scan(0), ROOM.track("agent1").position_m[0], 0.0, 1e-4 * np.eye(5)
     )
     estimates = [replace(there, health=Health(not why, why)), *20 * [there]]
-    run = SimpleNamespace(agent="agent1", estimates=estimates)
+    run = SimpleNamespace(agent="agent1", estimates=estimates, began=Start(ROOM.agents[0].start_m, 0.0))
     notes = fit_notes(ROOM, [run], [measurements], tmp_path / "heard.csv", "room")
     assert any("anchor B" in note for note in notes) == accused
+
+
+@pytest.mark.parametrize(
+    ("first_m", "second_m", "std_m", "said"),
+    [(1.0, 0.9, 0.01, True), (0.7, 0.7, 0.01, False), (1.0, 0.9, 0.3, False), (1.6, 0.1, 0.08, False)],
+)
+def test_a_start_out_of_its_prior_is_told_if_first_poses_are_known(first_m, second_m, std_m, said):
+    """Told to 0.5 m: 0.7 m is a corner of it; what leaps wasn't known."""
+    scan, told = gs.simulate(ROOM, "agent1", seed=12).scan(0), np.array(ROOM.agents[0].start_m)
+    covariance = np.diag([0.5 * std_m**2, 0.5 * std_m**2, 0.1, 0.1, 0.1])
+    estimates = [
+        gs.Estimate.of_pose(scan, np.add(told, (off, 0.0)), 0.0, covariance) for off in (first_m, second_m)
+    ]
+    run = SimpleNamespace(agent="agent1", estimates=estimates, began=Start(told, 0.0))
+    notes = start_notes(ROOM, [run])
+    assert [("1.0 m from the told start" in note) for note in notes] == [True] * said

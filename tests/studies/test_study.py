@@ -249,6 +249,7 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
         assert command(monkeypatch, *given) == code
         output = capsys.readouterr()
         assert says in output.out + output.err
+        assert (output.out + output.err).count("interrupted") == (code == 130), "once, not again at the end"
         assert "1 of them new" not in says or "2 of 2 runs\n" in output.err, "a line per run, in log files"
         assert (tmp_path / "s" / "failures.log").exists() == (code == 1)
     names = {path.name for path in Path(tmp_path / "s").iterdir()}

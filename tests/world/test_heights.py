@@ -152,3 +152,26 @@ def test_directions_of_images_are_those_of_the_plane():
     np.testing.assert_allclose(
         track.position_m[0] + ground[sight, None] * toward, scene.anchor_positions[paths.anchor[sight]]
     )
+
+
+@pytest.mark.parametrize(
+    ("tall", "says"),
+    [
+        (
+            (False, True, True),
+            r"anchors\[0\].position_m: found \[0.5, 1.0\] \(anchor A\); allowed: \[x, y, z\]",
+        ),
+        (
+            (False, True, False),
+            r"anchors\[1\].position_m: found \[1.5, 1.0, 2.0\] \(anchor B\); allowed: \[x, y\],",
+        ),
+        ((False, True), r"anchors\[0\].position_m: found .* allowed: \[x, y, z\]"),
+    ],
+)
+def test_the_anchor_that_differs_from_most_is_named(tall, says):
+    places = [(0.5 + index, 1.0, *([2.0] if high else [])) for index, high in enumerate(tall)]
+    anchors = [{"name": name, "position_m": place} for name, place in zip("ABC", places, strict=False)]
+    agents = [{"name": "me", "start_m": (1.0, 2.0), "height_m": 1.0}]
+    data = {"grid": {"x_m": (0.0, 4.0), "y_m": (0.0, 4.0)}, "anchors": anchors, "agents": agents}
+    with pytest.raises(gs.InputError, match=says):
+        gs.Scene.checked(data, "scene")
