@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,15 @@ class Births:
         """No hypotheses."""
         none = np.zeros(0, np.int32)
         return cls(none, np.zeros((0, 2), np.int32), np.zeros((0, 2)), np.zeros(0), none)
+
+    def take(self, rows: NDArray[np.intp]) -> Self:
+        """Some of them."""
+        return replace(
+            self, measurement=self.measurement[rows], hit=self.hit[rows], line=self.line[rows],
+            ratio=self.ratio[rows], anchor=self.anchor[rows],
+            support=None if self.support is None else self.support[rows],
+            seen=None if self.seen is None else self.seen[rows],
+        )  # fmt: skip
 
     def chosen(self, claimed: Array, least: float, most: int = RIVALS) -> list[tuple[int, float]]:
         """Hypotheses to follow and the existence of each new surface, surest measurement first; (M33).

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import Array
 from gridslam.inference.messages.births import Births
 from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.layout import HEADING
@@ -53,12 +53,7 @@ def put_off_double_bounces(
     pairs = zip(births.measurement.tolist(), births.anchor.tolist(), strict=True)
     doubtful = [odds.get(pair, LEAST_ODDS) < LEAST_ODDS for pair in pairs]
     keep = np.flatnonzero(~(alone & np.array(doubtful)))
-    if len(keep) == len(births):
-        return births
-    return replace(
-        births, measurement=births.measurement[keep], hit=births.hit[keep], line=births.line[keep],
-        ratio=births.ratio[keep], anchor=births.anchor[keep],
-    )  # fmt: skip
+    return births if len(keep) == len(births) else births.take(keep)
 
 
 def mirror_odds(

@@ -91,6 +91,21 @@ def test_what_waits(variance, bounces, kept):
     assert (after is births) == (len(kept) == 4)
 
 
+def test_what_is_left_keeps_what_goes_with_it():
+    corner, unmeasured = [6.0, np.pi / 2, np.pi / 2], [6.0, np.nan, np.pi / 2]
+    support = np.arange(3.0)[:, None] * np.ones(20)
+    births = replace(births_of((-1, -1), (-1, -1), (-1, -1)), support=support, seen=np.array([4, 5, 6]))
+    model = model_of("room", [[0.0, 0.0, 0.0]])
+    after = put_off_double_bounces(
+        births, known_to(0.02), heard(corner, unmeasured, corner), model.radio, model
+    )
+    assert (after.measurement.tolist(), after.seen.tolist(), after.support[:, 0].tolist()) == (
+        [1],
+        [5],
+        [1.0],
+    )
+
+
 ANCHOR, FLOOR, WALL = np.array([3.0, 2.0]), np.array([-np.pi / 2, 0.0]), np.array([0.0, 12.0])
 
 

@@ -48,12 +48,7 @@ def without_double_bounces(
     either = np.array([anyway.get(key, 0.0) for key in _keys(births)])
     doubly = either * departing_doubly(births, state, scan, radio, model)
     keep = np.flatnonzero(~alone | (births.ratio > doubly))
-    if len(keep) == len(births):
-        return births
-    return replace(
-        births, measurement=births.measurement[keep], hit=births.hit[keep], line=births.line[keep],
-        ratio=births.ratio[keep], anchor=births.anchor[keep],
-    )  # fmt: skip
+    return births if len(keep) == len(births) else births.take(keep)
 
 
 def _keys(births: Births) -> list[tuple[int, ...]]:
