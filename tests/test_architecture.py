@@ -134,6 +134,11 @@ def test_no_import_runs_up():
     assert up == UPWARDS
 
 
+def test_rooms_of_one_floor_do_not_import_each_other_in_turn():
+    pairs = {(room(module), room(name)) for module in modules() for name in inner(module)}
+    assert not {(a, b) for a, b in pairs if a != b and (b, a) in pairs and a and b}
+
+
 def test_kernels_know_nothing_of_what_is_above_them():
     for module in modules():
         if module.startswith("gridslam.kernels"):

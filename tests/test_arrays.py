@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gridslam.arrays import replace
-from gridslam.inference.state.calibration import Calibration
+from gridslam.inference.beliefs.calibration import Calibration
 
 
 @dataclasses.dataclass(frozen=True)

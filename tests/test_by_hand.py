@@ -7,7 +7,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
-from gridslam.inference.state.particles import Particles
+from gridslam.inference.beliefs.particles import Particles
 from gridslam.kernels.primitives import tables
 from gridslam.simulation.image_source import true_paths
 from gridslam.systems.registry import method_class

@@ -10,11 +10,11 @@ import numpy as np
 
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, Snapshot, clues_of
 from gridslam.inference.messages.samples.state_mode import paths_at
-from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.layout import AGENT
-from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.leftovers import REFLECTIONS, LineEvidence
 from gridslam.reference.pose_score import score_poses
 from gridslam.simulation.simulate import simulate
 from gridslam.world.scene import Scene

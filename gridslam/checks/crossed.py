@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, fitted, summed, things
 from gridslam.inference.health.range_watch import LEAST_STEPS, in_sight
-from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.world.columns import Columns
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan

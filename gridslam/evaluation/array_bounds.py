@@ -21,8 +21,8 @@ from gridslam.evaluation.bounds import (
     predict_information,
 )
 from gridslam.evaluation.path_slopes import follow_hits, hit_surfaces, path_jacobian, surface_lines
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, composed, superpose_arrays
-from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory

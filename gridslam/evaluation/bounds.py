@@ -28,7 +28,7 @@ from gridslam.evaluation.path_slopes import (
     whitened_jacobian,
     with_elevations,
 )
-from gridslam.inference.state.layout import AGENT
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.geometry import sfv_covariance
 from gridslam.world.scene import Scene

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.layout import AGENT
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.simulation.image_source import TruePaths
 from gridslam.world.geometry import lean, level_of, trace, unit
 from gridslam.world.scene import Scene

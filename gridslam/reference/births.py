@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief, give_birth, update
-from gridslam.inference.state.layout import AGENT, StateLayout
+from gridslam.inference.beliefs.belief import Belief, give_birth, update
+from gridslam.inference.beliefs.layout import AGENT, StateLayout
 from gridslam.kernels import FAINTEST
 from gridslam.reference.cells import cells_of
 from gridslam.reference.gaussian import RISE, clocked, late, tall

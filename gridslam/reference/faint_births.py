@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.layout import HEADING
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.kernels import FAINTEST
 from gridslam.kernels.primitives.blocks import Anchors, Belief, Borne, Left
 from gridslam.reference.messages import clutter, deviations, log_rician

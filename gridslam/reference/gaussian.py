@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief, update
-from gridslam.inference.state.layout import AGENT, HEADING, StateLayout
+from gridslam.inference.beliefs.belief import Belief, update
+from gridslam.inference.beliefs.layout import AGENT, HEADING, StateLayout
 from gridslam.world.geometry import trace, wrap
 
 Whole = NDArray[np.int32]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.layout import AGENT, StateLayout
+from gridslam.inference.beliefs.layout import AGENT, StateLayout
 from gridslam.world.geometry import mirror, mirror_derivative, unit, wrap
 
 Whole = NDArray[np.int64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.layout import AGENT, HEADING
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.world.geometry import trace, wrap
 
 Whole = NDArray[np.int32]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import AGENT
-from gridslam.inference.state.particles import at_mean
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import AGENT
+from gridslam.inference.beliefs.particles import at_mean
 from gridslam.kernels.primitives import blocks
 from gridslam.reference.paths import polylines
 from gridslam.reference.rays import asked, list_paths

@@ -30,8 +30,8 @@ from gridslam.inference.messages.ray_amplitudes import (
 from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.leftovers import Leftovers
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -12,6 +12,8 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
+from gridslam.inference.beliefs.belief import append, lines_covariance, with_lines
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.management.early_arrivals import watched_arrivals
 from gridslam.inference.management.features.left_features import left_features
 from gridslam.inference.management.features.surface_features import mirror_surfaces
@@ -24,8 +26,6 @@ from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.level_coefficients import level_means, with_levels
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.state.arrangement import unparked
-from gridslam.inference.state.belief import append, lines_covariance, with_lines
-from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays

@@ -36,7 +36,7 @@ from gridslam.inference.messages.ray_amplitudes import (
 )
 from gridslam.inference.messages.surface_walk import learn_shared_walks
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import AnchorScan, split_by_anchor, whole_scan
+from gridslam.inference.scans.anchor_measurements import AnchorScan, split_by_anchor, whole_scan
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -10,11 +10,11 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
+from gridslam.inference.beliefs.belief import lines_covariance
 from gridslam.inference.management.network.clock_rivals import advance
 from gridslam.inference.management.network.readout import CONFIRMED, network_estimate
 from gridslam.inference.management.readout import surface_estimate
 from gridslam.inference.management.step_info import NetworkInfo
-from gridslam.inference.state.belief import lines_covariance
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace

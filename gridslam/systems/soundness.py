@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.inference.beliefs.layout import AGENT, StateLayout
 from gridslam.inference.health.range_fits import errors_of
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.health.sight_watch import SightWatch
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
-from gridslam.inference.state.anchor_measurements import LEAST_STD
+from gridslam.inference.scans.anchor_measurements import LEAST_STD
+from gridslam.inference.scans.leftovers import LEAST_EVIDENCE, MOST_EVIDENCE, REFLECTIONS
 from gridslam.inference.state.arrangement import unparked
-from gridslam.inference.state.layout import AGENT, StateLayout
-from gridslam.inference.state.leftovers import LEAST_EVIDENCE, MOST_EVIDENCE, REFLECTIONS
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.rings import BEARINGS, MOVING

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gridslam.inference.beliefs.belief import separated
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.step_info import StepInfo, conclude
@@ -27,8 +28,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     update_amplitudes,
 )
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.belief import separated
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.state import State

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 import gridslam as gs
+from gridslam.inference.beliefs.particles import Cloud, Sampling
 from gridslam.inference.messages.cells import cast_at, casting_of, update_cells
-from gridslam.inference.state.anchor_measurements import anchor_scans
+from gridslam.inference.scans.anchor_measurements import anchor_scans
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.particles import Cloud, Sampling
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import BINS, SurfaceBank

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam.inference.state.belief import append
+from gridslam.inference.beliefs.belief import append
 from gridslam.inference.state.samples.images import DirectState, Images
 
 

@@ -11,9 +11,9 @@ from kernel_stages import stages
 from kernel_worlds import SEEDS, random_world
 
 from gridslam import reference, runtime
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.particles import Sampling, draft_of
 from gridslam.inference.messages.path_prediction import PathQuery
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.particles import Sampling, draft_of
 from gridslam.inference.workspace.workspace import SHAPES, SLOTS, Workspace
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.blocks import OFFSET, SHARE

@@ -9,7 +9,7 @@ import gridslam as gs
 from gridslam import runtime
 from gridslam.inference.management.poses.pose_fix import Sources
 from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, Snapshot, clues_of
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.reference.pose_score import score_poses
 from gridslam.world.geometry import mirror
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from map_samples import random_map, surfaces
 
 from gridslam.errors import InputError
-from gridslam.inference.state.belief import Belief, keep, lines_covariance
+from gridslam.inference.beliefs.belief import Belief, keep, lines_covariance
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.maps.fusion import fuse

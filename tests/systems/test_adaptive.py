@@ -19,7 +19,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State

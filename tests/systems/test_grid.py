@@ -13,7 +13,7 @@ from scene_samples import shortened
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.bounds import known_map_bound
-from gridslam.inference.state.anchor_measurements import anchor_scans
+from gridslam.inference.scans.anchor_measurements import anchor_scans
 from gridslam.io import files
 from gridslam.kernels.primitives import taichi_inside
 from gridslam.systems import values

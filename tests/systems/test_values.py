@@ -13,8 +13,8 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health.range_watch import RangeWatch
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.systems.values import get_value, put_value
 

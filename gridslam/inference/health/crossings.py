@@ -9,7 +9,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.health.range_fits import Crossing, errors_of
-from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, level_of, unit, wrap
 

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import slant
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
+from gridslam.inference.beliefs.calibration import KEEP, Calibration
 from gridslam.inference.health import reasons
 from gridslam.inference.health.fresh_look import FreshLook
-from gridslam.inference.state.calibration import KEEP, Calibration
 from gridslam.kernels import SUMS
 from gridslam.world.filter_model import FilterModel
 

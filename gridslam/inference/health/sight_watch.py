@@ -17,6 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.calibration import Calibration
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.health import reasons
 from gridslam.inference.health.range_fits import (
     CERTAIN,
@@ -30,10 +33,7 @@ from gridslam.inference.health.range_fits import (
     shift_of,
     words,
 )
-from gridslam.inference.state.anchor_measurements import AnchorScan, whole_of
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.calibration import Calibration
-from gridslam.inference.state.layout import HEADING
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import slant, wrap
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
+from gridslam.inference.beliefs.belief import diagonal_together
+from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.health import reasons
 from gridslam.inference.health.monitor import MISFIT, SILENT, VAGUE_M, innovation_band
-from gridslam.inference.state.belief import diagonal_together
-from gridslam.inference.state.calibration import KEEP
 
 LEAST_EXPLAINED = 0.2
 """Share of the received power that paths of the joint belief explain as long as the agent is followed."""

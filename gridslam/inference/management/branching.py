@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.management.poses.pose_search import Modes
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import AGENT, HEADING
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health.doubt import ONE_ALONE, Doubt
 from gridslam.inference.health.monitor import SILENT
 from gridslam.inference.management.branching import branches_of
@@ -28,8 +29,7 @@ from gridslam.inference.management.poses.pose_search import (
     near,
 )
 from gridslam.inference.messages.motion import predict_agent
-from gridslam.inference.state.anchor_measurements import AnchorScan, SplitScan, split_by_anchor
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import AnchorScan, SplitScan, split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

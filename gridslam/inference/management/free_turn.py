@@ -13,8 +13,8 @@ from dataclasses import replace as changed
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.belief import Belief, solved
-from gridslam.inference.state.layout import HEADING
+from gridslam.inference.beliefs.belief import Belief, solved
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel

@@ -16,7 +16,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief, keep
+from gridslam.inference.beliefs.belief import Belief, keep
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import OFTENER, REPLACES, SEEN_ELSEWHERE
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.doubt import Doubt, places
@@ -26,8 +27,7 @@ from gridslam.inference.management.poses.pose_search import POSES_BY_MAP, Modes,
 from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.messages.motion import predict
-from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.management.challenge import HANDICAP
 from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.messages.motion import predict_agent
-from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel, fixed

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief, keep, update
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.management.ghosts import drop_ghosts
 from gridslam.inference.messages.motion import BEYOND_DOUBT
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.belief import Belief, keep, update
-from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT

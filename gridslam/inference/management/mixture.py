@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.state.arrangement import arranged, unparked
-from gridslam.inference.state.layout import AGENT, HEADING
 from gridslam.inference.state.population import Population, moments
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel

@@ -6,6 +6,7 @@ A step asks for the `representation_of` its state and calls these of it; docs/mo
 from __future__ import annotations
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import separated
 from gridslam.inference.management import parking
 from gridslam.inference.messages import births as new_surfaces
 from gridslam.inference.messages import cells, elevations, motion, path_prediction, updates
@@ -15,8 +16,7 @@ from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.published import sample_updates as particles
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import separated
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -16,7 +16,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.health.sight_watch import Sight
 from gridslam.inference.management.free_turn import turn_followed, with_turn
 from gridslam.inference.messages.motion import predict_agent
-from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor, whole_of
+from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor, whole_of
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -12,8 +12,8 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
+from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.management.free_turn import with_turn
-from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import PORTION
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.particles import Cloud
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

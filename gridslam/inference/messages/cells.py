@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.particles import Sampling, draft_of
 from gridslam.inference.messages.path_prediction import (
     AS_THEY_ARE,
     ListArguments,
@@ -21,7 +22,6 @@ from gridslam.inference.messages.path_prediction import (
     query_of,
 )
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.particles import Sampling, draft_of
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood_ratios import Pairs
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.kernels.primitives.tables import LABEL
 from gridslam.world.geometry import wrap
 

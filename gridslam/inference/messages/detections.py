@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.particles import at_mean
+from gridslam.inference.beliefs.particles import at_mean
 from gridslam.inference.state.polylines import draw_paths
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State

@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.messages.births import Births
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
-from gridslam.inference.state.layout import HEADING
-from gridslam.inference.state.leftovers import Leftovers
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import level_of, unit, wrap

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import HEADING
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.kernels.primitives import tables

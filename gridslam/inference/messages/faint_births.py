@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan, own_deviations, whole_of
-from gridslam.inference.state.layout import HEADING
-from gridslam.inference.state.leftovers import Leftovers
+from gridslam.inference.scans.anchor_measurements import AnchorScan, own_deviations, whole_of
+from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import blocks, tables

@@ -14,7 +14,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel

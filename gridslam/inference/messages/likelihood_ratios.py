@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.messages.amplitudes import AmplitudeBelief, detection_table
 from gridslam.inference.messages.path_prediction import PredictedPaths
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.particles import Cloud
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives import blocks, tables

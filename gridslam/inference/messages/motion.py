@@ -8,10 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs import belief
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.messages.amplitudes import detection_table
-from gridslam.inference.state import belief, surface_bank
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import AGENT
+from gridslam.inference.state import surface_bank
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel

@@ -13,7 +13,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.state.particles import Recipe, Sampling, draft_of
+from gridslam.inference.beliefs.particles import Recipe, Sampling, draft_of
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays, listed_at_most
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank

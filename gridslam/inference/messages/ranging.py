@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
 from gridslam.inference.messages.association import Association
 from gridslam.inference.messages.exact_association import associate_exactly
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.rays import P_STAY
 from gridslam.inference.state.rings import (
     LEAST_EXISTENCE,

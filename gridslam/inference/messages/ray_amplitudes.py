@@ -20,7 +20,7 @@ from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.likelihood_ratios import PORTION
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays
 from gridslam.inference.state.state import State

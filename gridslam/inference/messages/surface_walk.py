@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.belief import Belief, line_entries
+from gridslam.inference.beliefs.belief import Belief, line_entries
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import replace
 from gridslam.inference.messages.faint_births import OF_POSE, POSE
-from gridslam.inference.state.anchor_measurements import AnchorScan, own_deviations, whole_of
+from gridslam.inference.scans.anchor_measurements import AnchorScan, own_deviations, whole_of
+from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.inference.state.state import State
-from gridslam.inference.state.unexplained import Unexplained
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 

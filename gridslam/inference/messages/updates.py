@@ -14,7 +14,7 @@ from gridslam.inference.messages.association import ROUNDS, Association, associa
 from gridslam.inference.messages.crowds import crowded_as_one, neighbours, of_one_way
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

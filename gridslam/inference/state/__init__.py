@@ -1,1 +1,1 @@
-"""The state and its parts, particles, rays, and the arrays of one anchor's measurements."""
+"""The state and its parts, and the population of several states."""

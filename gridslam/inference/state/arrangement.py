@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.inference.state.belief import keep
-from gridslam.inference.state.layout import PER_LINE
+from gridslam.inference.beliefs.belief import keep
+from gridslam.inference.beliefs.layout import PER_LINE
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.state import State
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief, solved
-from gridslam.inference.state.layout import AGENT, HEADING, PER_LINE
+from gridslam.inference.beliefs.belief import Belief, solved
+from gridslam.inference.beliefs.layout import AGENT, HEADING, PER_LINE
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.geometry import wrap
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.inference.state.particles import Cloud
+from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.state.rays import Rays
 
 

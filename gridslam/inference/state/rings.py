@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.belief import Belief, diagonal_together, give_birth
+from gridslam.inference.beliefs.belief import Belief, diagonal_together, give_birth
 from gridslam.world.geometry import line_between, mirror_derivative, slant, unit
 from gridslam.world.radio import RadioModel
 

@@ -9,18 +9,18 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.health.monitor import HealthMonitor
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.calibration import Calibration
+from gridslam.inference.scans.leftovers import Leftovers, LineEvidence
+from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.leftovers import Leftovers, LineEvidence
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.inference.state.unexplained import Unexplained
 from gridslam.world.filter_model import FilterModel
 
 FRESH_SIGHT = 0.9

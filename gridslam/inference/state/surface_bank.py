@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.state.rays import P_APPEAR, P_STAY
 from gridslam.world.radio import BINS
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.particles import Particles
+from gridslam.inference.beliefs.particles import Particles
 from gridslam.inference.state.path_messages import PathMessages
 from gridslam.inference.workspace.cell_buffers import CellBuffers
 from gridslam.world.filter_model import FilterModel

@@ -28,7 +28,7 @@ from gridslam.inference.messages.published.network_particles import (
     move_network,
     update_network,
 )
-from gridslam.inference.state.anchor_measurements import of_all_anchors
+from gridslam.inference.scans.anchor_measurements import of_all_anchors
 from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.maps.map import Map
 from gridslam.systems.front import bare_map

@@ -29,7 +29,7 @@ from gridslam.inference.messages.published.image_particles import (
     resample_agent,
     updated_images,
 )
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.published.feature_particles import Features, ImageState
 from gridslam.inference.state.state import FRESH_SIGHT
 from gridslam.maps.map import Map

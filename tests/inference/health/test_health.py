@@ -15,11 +15,11 @@ import gridslam as gs
 from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
 from gridslam.inference.health.monitor import HealthMonitor, innovation_band
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
 from gridslam.kernels.primitives import tables
 from gridslam.simulation import disturbances
 from gridslam.studies import robustness

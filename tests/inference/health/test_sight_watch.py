@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.health.range_fits import words
 from gridslam.inference.health.sight_watch import LATE, LOOKS, TURNED, SightWatch, wrong
-from gridslam.inference.state.anchor_measurements import own_deviations, split_by_anchor
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.calibration import Calibration
+from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 
 ROOM = gs.Scene.load("room")
 MODEL = ROOM.filter_model("agent1")

@@ -37,7 +37,7 @@ from gridslam.inference.management.challenge import (
 )
 from gridslam.inference.management.mixture import poses
 from gridslam.inference.management.poses.pose_search import POSE, Modes
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.grid import GridSlam, start

@@ -7,12 +7,12 @@ import pytest
 from filter_states import anchor_scans_of
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief, append
+from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.health.monitor import DISTRUSTED, HealthMonitor
 from gridslam.inference.health.reasons import LEAPT
 from gridslam.inference.management.poses import pose_fix, pose_recovery
 from gridslam.inference.messages.amplitudes import DetectionTable
-from gridslam.inference.state.belief import Belief, append
-from gridslam.inference.state.calibration import Calibration
 from gridslam.world import geometry
 from gridslam.world.geometry import wrap
 

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.free_turn import (
     LEFT,
     direction,
@@ -15,7 +16,6 @@ from gridslam.inference.management.free_turn import (
     with_turn,
     without_turn,
 )
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import mirror, unit, wrap

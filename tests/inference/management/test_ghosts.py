@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scene_samples import short
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief, append
 from gridslam.inference.management import ghosts, merging
-from gridslam.inference.state.belief import Belief, append
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.geometry import line_between, mirror
 from gridslam.world.radio import REFLECTION_BINS

@@ -8,13 +8,13 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.bench.growth import drawn
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health.doubt import places
 from gridslam.inference.health.reasons import NOT_FOUND, TURNABLE, UNPROVEN
 from gridslam.inference.management import mixture
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.hypotheses import PARTICLES, _split, _started, begun, each_stepped
 from gridslam.inference.management.poses.pose_search import Modes
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import Population
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam

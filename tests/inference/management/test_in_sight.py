@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.in_sight import DOUBTED, LASTING, spare_unseen
-from gridslam.inference.state.belief import Belief
 
 MODEL = model_of("room")
 

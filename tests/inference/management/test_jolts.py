@@ -10,9 +10,9 @@ from scene_samples import short
 from scipy.stats import multivariate_normal, norm
 
 import gridslam as gs
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.management import hypotheses, jolts
 from gridslam.inference.messages.motion import predict_agent
-from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.state import State
 from gridslam.world import waypoints
 

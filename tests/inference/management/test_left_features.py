@@ -9,7 +9,7 @@ from feature_samples import ANCHOR, LINES, learned
 from gridslam.estimate_tables import FREE, SCATTERER
 from gridslam.inference.management.features.left_features import are_images, left_features
 from gridslam.inference.management.features.places import LONGER_M, places_of, sighted
-from gridslam.inference.state.unexplained import MOST, Unexplained
+from gridslam.inference.scans.unexplained import MOST, Unexplained
 from gridslam.world.geometry import mirror
 
 STD = np.array([0.02, 0.01])

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.merging import both_exist, merge, merge_and_prune
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rays import Rays
 from gridslam.kernels.primitives import tables
 

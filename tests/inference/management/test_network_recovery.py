@@ -12,7 +12,7 @@ from gridslam.inference.management.poses.pose_fix import Fix, _log_likelihood, k
 from gridslam.inference.management.poses.pose_recovery import near_any_path, near_paths
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.path_prediction import predict_every_path
-from gridslam.inference.state.anchor_measurements import of_all_anchors, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import of_all_anchors, split_by_anchor
 from gridslam.simulation.network import simulate_network
 from gridslam.systems.network import NetworkSlam
 from gridslam.world.scan import Scan

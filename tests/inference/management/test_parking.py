@@ -12,13 +12,13 @@ from scipy.optimize import linear_sum_assignment
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.evaluation.surface_truth import AudibleSurfaces
+from gridslam.inference.beliefs.belief import Belief, give_birth, update
 from gridslam.inference.management.in_sight import occupied_above, shortest_path
 from gridslam.inference.management.merging import MOST_SURFACES
 from gridslam.inference.management.mixture import moment_matched, same_identities
 from gridslam.inference.management.parking import park, recall, same_as_young
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.state.arrangement import arranged, unparked, without
-from gridslam.inference.state.belief import Belief, give_birth, update
 from gridslam.inference.state.grid import Grid
 from gridslam.simulation.image_source import ground_truth
 

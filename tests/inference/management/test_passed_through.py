@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.in_sight import LASTING
 from gridslam.inference.management.passed_through import doubt_passed
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.parked import Parked
 from gridslam.world.radio import BINS

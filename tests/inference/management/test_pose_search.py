@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.poses.pose_fix import Sources
 from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, TWICE, Snapshot
 from gridslam.inference.management.poses.pose_search import (
@@ -20,8 +21,7 @@ from gridslam.inference.management.poses.pose_search import (
     line_of_sight_poses,
     reflected_poses,
 )
-from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.world.geometry import course, line_between, mirror, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS
 

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gridslam as gs
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.particles import Particles
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.particles import Particles
 from gridslam.inference.state.population import Population
 from gridslam.systems.adaptive import AdaptiveSlam
 from gridslam.systems.grid import GridSlam

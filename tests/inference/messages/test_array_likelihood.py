@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from array_snapshots import LIGHT, NOISE, STEP, band_of, responses, snapshot
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.array_likelihood import (
     ArrayBand,
     one_more,
@@ -12,7 +13,6 @@ from gridslam.inference.messages.samples.array_likelihood import (
 from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, find_paths, level_of
 from gridslam.inference.messages.samples.signal_likelihood import Band, superpose
 from gridslam.inference.messages.samples.state_mode import PathsPrior
-from gridslam.inference.state.belief import Belief
 from gridslam.world.radio import aperture
 
 PATH = np.array([[3.0, 0.3, -1.0], [3.6, 0.8, 0.4], [5.0, -2.0, 2.2]])

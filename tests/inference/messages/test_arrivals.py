@@ -7,6 +7,7 @@ import pytest
 from signal_worlds import received, signal_model
 
 from gridslam import runtime
+from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.health.signal_watch import EARLY
 from gridslam.inference.management.features.hybrid_info import conclude
 from gridslam.inference.messages.features.arrivals import COST, Arrivals
@@ -14,7 +15,6 @@ from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import Snapshot, counted
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.sight import Moments
-from gridslam.inference.state.calibration import KEEP
 from gridslam.inference.state.features.features import FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.systems.hybrid import start, step, step_by_sight

@@ -9,6 +9,7 @@ from kernel_worlds import UNKNOWN, random_belief, random_places, random_radio, r
 
 import gridslam as gs
 from gridslam import reference, runtime
+from gridslam.inference.beliefs.belief import Belief, append
 from gridslam.inference.messages.births import (
     RIVALS,
     RIVALS_UNLABELLED,
@@ -16,8 +17,7 @@ from gridslam.inference.messages.births import (
     add_chosen,
     initialise_surface,
 )
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief, append
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.world.geometry import trace, wrap
 
 SIGNAL = gs.Scene.load("alcove").signal_model("agent1")

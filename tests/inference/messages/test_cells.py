@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from filter_states import sighting, small
 
+from gridslam.inference.beliefs.particles import Cloud, Sampling
 from gridslam.inference.messages.cells import cast_at, casting_of
-from gridslam.inference.state.particles import Cloud, Sampling
 from gridslam.inference.workspace import cell_buffers
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.network.clock_votes import POSES, Sights, sight_votes
-from gridslam.inference.state.anchor_measurements import whole_scan
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import whole_scan
 from gridslam.inference.state.network.clock_search import CELL_M
 from gridslam.systems.network import NetworkSlam
 from gridslam.world.scan import Scan

@@ -11,6 +11,8 @@ from kernel_worlds import random_belief
 
 import gridslam as gs
 from gridslam import reference
+from gridslam.inference.beliefs.belief import Belief, append
+from gridslam.inference.beliefs.layout import StateLayout
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
@@ -18,9 +20,7 @@ from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.path_prediction import EVERY_ANCHOR, predict_paths
 from gridslam.inference.messages.reflection import PRODUCTS, Reflected
 from gridslam.inference.messages.updates import update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import of_all_anchors, split_by_anchor
-from gridslam.inference.state.belief import Belief, append
-from gridslam.inference.state.layout import StateLayout
+from gridslam.inference.scans.anchor_measurements import of_all_anchors, split_by_anchor
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.geometry import trace, wrap
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from filter_states import model_of, state_of
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.crowds import OTHERS, crowded_as_one, neighbours, of_one_way
 from gridslam.inference.messages.likelihood_ratios import Pairs, evaluate
 from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.updates import update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief, append
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import birth_rate, find_births
 from gridslam.inference.messages.samples.image_prediction import image_distances
 from gridslam.inference.messages.samples.signal_likelihood import Band
-from gridslam.inference.state.belief import Belief, append
 from gridslam.inference.state.samples.images import DirectState, Images
 
 BAND = Band.of(1e7 * (np.arange(41) - 20))

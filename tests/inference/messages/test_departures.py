@@ -15,7 +15,7 @@ from gridslam.inference.messages.network.departures import (
 )
 from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import predict_amplitudes
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.kernels import UNMEASURED
 from gridslam.simulation.network import simulate_network
 from gridslam.systems.network import NetworkSlam

@@ -9,10 +9,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from gridslam import runtime
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.particles import at_mean
 from gridslam.inference.management.merging import merge
 from gridslam.inference.messages.detections import mark_detections
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.particles import at_mean
 from gridslam.inference.state.polylines import draw_paths
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.workspace.workspace import Workspace

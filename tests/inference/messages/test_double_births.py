@@ -12,7 +12,7 @@ from gridslam.inference.messages.network import double_births
 from gridslam.inference.messages.network.double_births import KNOWN_M, without_double_bounces
 from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import predict_amplitudes
-from gridslam.inference.state.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.simulation.network import simulate_network
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.network_grid import NetworkGridSlam

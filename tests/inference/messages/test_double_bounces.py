@@ -7,11 +7,11 @@ import pytest
 from filter_states import model_of, state_of
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.double_bounces import mirror_odds, put_off_double_bounces
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.leftovers import Leftovers
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.world.geometry import mirror, wrap
 from gridslam.world.scan import Scan
 

@@ -8,11 +8,11 @@ import pytest
 from scene_samples import replace_layers, tall
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages import elevations as elevation_messages
 from gridslam.inference.messages.elevations import Foreseen, Seen, correct_by_elevations
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.anchor_measurements import deviations, split_by_anchor
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import deviations, split_by_anchor
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.kernels.primitives import tables

@@ -14,12 +14,12 @@ from scene_samples import shortened
 from scipy.stats import multivariate_normal, norm
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.association import associate, log_normaliser
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.updates import update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import tables
 from gridslam.systems import grid

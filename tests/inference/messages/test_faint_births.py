@@ -10,17 +10,17 @@ from scipy.stats import multivariate_normal
 import gridslam as gs
 from gridslam import reference
 from gridslam.errors import InputError
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.faint_births import borne_out, remember_leftovers, weigh_by_leftovers
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.unexplained import gather_unexplained
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.leftovers import MEMORY, MOST, Leftovers
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.leftovers import MEMORY, MOST, Leftovers
+from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.inference.state.rings import Rings
-from gridslam.inference.state.unexplained import Unexplained
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import blocks, tables
 from gridslam.systems.soundness import require_sound

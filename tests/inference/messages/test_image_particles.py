@@ -16,7 +16,7 @@ from gridslam.inference.messages.published.image_particles import (
     pruned,
     updated_images,
 )
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.published.feature_particles import Features, ImageState
 from gridslam.world.geometry import mirror, trace, wrap
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import append
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.messages.samples import image_births
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
@@ -28,7 +29,6 @@ from gridslam.inference.messages.samples.image_rings import forbid_own_place, jo
 from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight, update_levels
 from gridslam.inference.messages.samples.ring_births import add_tentative
 from gridslam.inference.messages.samples.signal_likelihood import Band, log_densities
-from gridslam.inference.state.belief import append
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.geometry import unit
 

@@ -12,12 +12,9 @@ from scipy.stats import norm
 
 import gridslam as gs
 from gridslam.evaluation.bounds import known_map_bound
-from gridslam.inference.messages.association import associate
-from gridslam.inference.messages.cells import cast_messages
-from gridslam.inference.state import path_messages as messages_module
-from gridslam.inference.state.belief import Belief, separated, update
-from gridslam.inference.state.layout import AGENT
-from gridslam.inference.state.particles import (
+from gridslam.inference.beliefs.belief import Belief, separated, update
+from gridslam.inference.beliefs.layout import AGENT
+from gridslam.inference.beliefs.particles import (
     BIN_M,
     DIVERGENCE,
     PORTION,
@@ -27,6 +24,9 @@ from gridslam.inference.state.particles import (
     draft_of,
     needed,
 )
+from gridslam.inference.messages.association import associate
+from gridslam.inference.messages.cells import cast_messages
+from gridslam.inference.state import path_messages as messages_module
 from gridslam.inference.state.path_messages import PathMessages
 from gridslam.inference.state.rays import Rays
 from gridslam.kernels import PATH_BLOCK

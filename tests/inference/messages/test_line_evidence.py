@@ -19,7 +19,7 @@ from gridslam.inference.messages.samples.line_evidence import (
     likeliest_line,
 )
 from gridslam.inference.messages.samples.matched_power import MatchedPower
-from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
+from gridslam.inference.scans.leftovers import REFLECTIONS, LineEvidence
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.workspace.workspace import Workspace

@@ -17,7 +17,7 @@ from gridslam.inference.messages.published.network_particles import (
     regularised,
     update_network,
 )
-from gridslam.inference.state.anchor_measurements import of_all_anchors
+from gridslam.inference.scans.anchor_measurements import of_all_anchors
 from gridslam.inference.state.published.feature_particles import Features
 from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.world.geometry import mirror, wrap

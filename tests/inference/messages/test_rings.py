@@ -9,14 +9,14 @@ from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.evaluation.path_slopes import whitened_jacobian
+from gridslam.inference.beliefs.belief import Belief, append, update
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.messages import ranging
 from gridslam.inference.messages.amplitudes import DetectionTable
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.exact_association import MOST_CONTESTED, associate_exactly
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state import rings
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief, append, update
-from gridslam.inference.state.layout import AGENT
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 from gridslam.world.geometry import mirror, mirror_derivative

@@ -7,6 +7,7 @@ import pytest
 from scipy.stats import norm
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.representation import (
     JointGaussian,
     SeparateGaussians,
@@ -18,8 +19,7 @@ from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.published.sample_updates import _densities, at_samples, sample_logs
 from gridslam.inference.messages.ray_amplitudes import predict_amplitudes
 from gridslam.inference.messages.updates import update_surfaces_and_agent
-from gridslam.inference.state.anchor_measurements import split_by_anchor
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.kernels.primitives import tables
 from gridslam.world.geometry import mirror, wrap

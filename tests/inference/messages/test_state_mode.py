@@ -5,10 +5,10 @@ import pytest
 from array_snapshots import band_of, snapshot
 from scipy.special import logsumexp
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.array_likelihood import one_more
 from gridslam.inference.messages.samples.array_paths import log_amplitudes
 from gridslam.inference.messages.samples.state_mode import PathsPrior, paths_at, state_mode
-from gridslam.inference.state.belief import Belief
 
 MEAN = np.array([0.5, -0.4, 0.1, 0.0, 0.3, 0.1, 3.0, 1.6, 2.5])
 """Agent, and two walls."""

@@ -7,6 +7,7 @@ import pytest
 from filter_states import model_of, state_of
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief, predict, update
 from gridslam.inference.messages import motion
 from gridslam.inference.messages.surface_walk import (
     DOUBT,
@@ -17,7 +18,6 @@ from gridslam.inference.messages.surface_walk import (
     WIDEST,
     learn_surface_walks,
 )
-from gridslam.inference.state.belief import Belief, predict, update
 
 LINE = (0.3, 4.0)
 """Angle and offset of the one surface."""

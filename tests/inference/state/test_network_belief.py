@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gridslam as gs
-from gridslam.inference.state.belief import append, give_birth, update
+from gridslam.inference.beliefs.belief import append, give_birth, update
 from gridslam.inference.state.network.belief import Loose, NetworkBelief, predict_network
 from gridslam.world.clocks import ClockModel
 from gridslam.world.network_scene import network_model

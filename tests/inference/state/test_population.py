@@ -8,6 +8,7 @@ from filter_states import model_of, state_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health.doubt import places
 from gridslam.inference.management.branching import NARROW, conditioned, placed, split, split_along, widest
 from gridslam.inference.management.mixture import (
@@ -19,7 +20,6 @@ from gridslam.inference.management.mixture import (
     same_world,
     together,
 )
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.population import GUARDED, NONE, Population, moments
 
 MODEL = model_of(anchors=[[0.0, 0.0, 0.0]])

@@ -16,7 +16,7 @@ from gridslam.estimate_tables import FREE, SCATTERER, FeatureEstimate
 from gridslam.inference.management.features.feature_tables import POWER_STD
 from gridslam.inference.management.features.places import Places, places_of
 from gridslam.inference.management.features.surface_features import ALIKE, ALIKE_M, LEAST_STEPS
-from gridslam.inference.state.unexplained import Unexplained
+from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.world.geometry import mirror, wrap
 
 LEAST_WAY_M = 1.0

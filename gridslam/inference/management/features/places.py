@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.unexplained import Unexplained
+from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.world.geometry import unit
 
 Whole = NDArray[np.int64]

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from gridslam.arrays import replace
+from gridslam.inference.beliefs.belief import append
 from gridslam.inference.management.step_info import comparable
 from gridslam.inference.messages.network.clock_evidence import SURE_SURFACE
 from gridslam.inference.messages.network.clock_setting import (
@@ -20,7 +21,6 @@ from gridslam.inference.messages.network.clock_setting import (
     tells_no_departure,
     witnessed_surfaces,
 )
-from gridslam.inference.state.belief import append
 from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.network.clock_search import SET_VARIANCE
 from gridslam.inference.state.network.state import ClockSteps, NetworkState

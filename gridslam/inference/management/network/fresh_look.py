@@ -17,7 +17,7 @@ from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.management.network.recovery import FLOOR, Beacons, log_likelihood, placed_at
 from gridslam.inference.management.poses.pose_fix import COPIES, POSE, Fix, best_pose
 from gridslam.inference.messages.amplitudes import detection_table
-from gridslam.inference.state.anchor_measurements import AnchorScan, whole_scan
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_scan
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace, timed

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.estimates import Estimate
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.management.network.clock_rivals import unset_clocks
 from gridslam.inference.management.readout import estimates
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
-from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.health.monitor import MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import (
     COPIES,
@@ -31,8 +32,7 @@ from gridslam.inference.management.poses.pose_recovery import (
     near_paths,
 )
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
-from gridslam.inference.state.layout import AGENT
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

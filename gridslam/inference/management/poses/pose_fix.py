@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.health.monitor import MOST_LOUD
 from gridslam.inference.messages.amplitudes import DetectionTable
 from gridslam.inference.messages.path_prediction import paths_now
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.arrangement import unparked
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

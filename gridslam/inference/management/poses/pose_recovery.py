@@ -12,13 +12,13 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.path_prediction import predict_every_path
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_of
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import AGENT, HEADING
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_of
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel

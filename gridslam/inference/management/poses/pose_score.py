@@ -18,7 +18,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.management.poses.pose_fix import Sources
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.kernels.primitives import clues as column
 from gridslam.kernels.primitives.blocks import Clues
 from gridslam.world.filter_model import FilterModel

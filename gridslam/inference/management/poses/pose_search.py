@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.poses.pose_score import Snapshot, SnapshotTerms
-from gridslam.inference.state.belief import Belief
 from gridslam.world.geometry import level_of, unit, wrap
 from gridslam.world.scene_parts import GridSpec
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.state.rings import MOVING, follow, symmetric
 from gridslam.inference.state.samples.images import DirectState
 

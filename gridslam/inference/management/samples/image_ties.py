@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.common_walls import (
     ONE_BOUNCE,
     SPREAD_M,
@@ -19,7 +20,6 @@ from gridslam.inference.messages.samples.common_walls import (
     places_by_walls,
     widest,
 )
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import MOVING, follow, symmetric
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.filter_model import FilterModel

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health.reasons import several_places
 from gridslam.inference.management.samples import image_starts
 from gridslam.inference.management.samples.image_starts import ONE_PLACE_M, Step, is_one, log_evidence
 from gridslam.inference.messages.samples.image_births import birth_rate
 from gridslam.inference.messages.samples.signal_likelihood import band_of
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.past import Past
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.samples.images import DirectState, Images

@@ -11,7 +11,7 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.network.clock_amplitudes import NOTHING, amplitude_ratio
 from gridslam.inference.messages.network.clock_votes import Sights, sight_votes
 from gridslam.inference.messages.path_prediction import predict_every_path
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations, whole_scan
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.network.clock_search import CELL_M
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

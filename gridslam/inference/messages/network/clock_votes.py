@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.messages.network.clock_amplitudes import NOTHING, amplitude_ratio
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import AGENT, HEADING
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.network.clock_search import CELL_M
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, slant, wrap

@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.state.anchor_measurements import AnchorScan, deviations
-from gridslam.inference.state.layout import HEADING
-from gridslam.inference.state.particles import Cloud
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel

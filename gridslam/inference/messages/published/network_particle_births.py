@@ -15,7 +15,7 @@ from gridslam.inference.messages.published.direct_particles import resampled
 from gridslam.inference.messages.published.image_particles import SPREAD, path_values
 from gridslam.inference.messages.published.network_particle_ratios import log_clutter, measured_deviations
 from gridslam.inference.messages.published.network_particles import FEW, NetworkMarginals
-from gridslam.inference.state.anchor_measurements import AnchorScan
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.published.feature_particles import Features
 from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.world.filter_model import FilterModel

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.particles import Recipe
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.published.direct_particles import resampled
 from gridslam.inference.messages.published.image_particles import moved_agents
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.layout import HEADING
-from gridslam.inference.state.particles import Recipe
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed

@@ -8,15 +8,15 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.messages.birth_proposals import SAMPLES, propose_births
 from gridslam.inference.messages.births import add_chosen
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, NewPaths, level_of
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import HEADING
-from gridslam.inference.state.particles import Cloud
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.radio import RadioModel

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.special import i0e, logsumexp
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.messages.cells import Visibility
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.reflection import Reflected
@@ -16,8 +18,6 @@ from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Comp
 from gridslam.inference.messages.samples.array_search import Found, find_paths
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
 from gridslam.inference.messages.samples.state_mode import PathsPrior, paths_at
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import HEADING
 from gridslam.inference.state.population import moments
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State

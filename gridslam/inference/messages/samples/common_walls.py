@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import give_birth
 from gridslam.inference.messages.samples.image_births import OWN_PLACE_M
-from gridslam.inference.state.belief import give_birth
 from gridslam.inference.state.rings import MOVING
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.filter_model import FilterModel

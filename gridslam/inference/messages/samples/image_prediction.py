@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior
 from gridslam.inference.messages.samples.image_births import Found
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import MOVING, Rings, follow, move, symmetric
 from gridslam.inference.state.samples.images import DirectState, predict
 from gridslam.world.filter_model import FilterModel

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, put, replace
+from gridslam.inference.beliefs.belief import Belief, give_birth
 from gridslam.inference.messages.samples.distance_mode import BEHIND_M
 from gridslam.inference.messages.samples.image_births import (
     LEAST_EXISTENCE,
@@ -18,7 +19,6 @@ from gridslam.inference.messages.samples.image_births import (
 )
 from gridslam.inference.messages.samples.image_prediction import P_STAY, AnchorPaths
 from gridslam.inference.messages.samples.signal_likelihood import pairs
-from gridslam.inference.state.belief import Belief, give_birth
 from gridslam.inference.state.rings import MOVING, Rings, follow, outer, symmetric
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.filter_model import FilterModel

@@ -15,8 +15,8 @@ from gridslam.inference.messages.births import Births, add_chosen
 from gridslam.inference.messages.faint_births import POSE
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.samples.matched_power import BESIDE, widths_apart
-from gridslam.inference.state.anchor_measurements import AnchorScan
-from gridslam.inference.state.leftovers import REFLECTIONS, LineEvidence
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.leftovers import REFLECTIONS, LineEvidence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import OPEN

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.messages.samples.array_likelihood import (
     ArrayBand,
     ArraySuperposition,
@@ -21,8 +23,6 @@ from gridslam.inference.messages.samples.array_likelihood import (
     superpose_arrays,
 )
 from gridslam.inference.messages.samples.path_search import climb
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import HEADING
 from gridslam.world.geometry import wrap
 
 FARTHEST = 0.36

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.belief import Belief, solved
-from gridslam.inference.state.layout import AGENT, HEADING, PER_LINE, StateLayout
+from gridslam.inference.beliefs.belief import Belief, solved
+from gridslam.inference.beliefs.layout import AGENT, HEADING, PER_LINE, StateLayout
 from gridslam.world.clocks import ClockModel
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap

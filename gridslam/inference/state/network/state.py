@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.calibration import Calibration
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.health.monitor import HealthMonitor
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.calibration import Calibration
 from gridslam.inference.state.grid import Grid
-from gridslam.inference.state.layout import AGENT
 from gridslam.inference.state.network.belief import Loose, NetworkBelief
 from gridslam.inference.state.network.clock_search import ClockSearch
 from gridslam.inference.state.network.clock_walk import ClockWalk

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import AGENT, HEADING
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.kernels import PATH_BLOCK
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap

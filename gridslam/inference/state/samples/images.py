@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health.signal_watch import SignalWatch
-from gridslam.inference.state.belief import Belief
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
 from gridslam.world.geometry import unit
 

@@ -5,7 +5,7 @@ import pytest
 from filter_states import model_of
 
 import gridslam as gs
-from gridslam.inference.state.anchor_measurements import deviations, own_deviations, split_by_anchor, whole_of
+from gridslam.inference.scans.anchor_measurements import deviations, own_deviations, split_by_anchor, whole_of
 
 
 @pytest.mark.parametrize("height", [0.0, 2.5])

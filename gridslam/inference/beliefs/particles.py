@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.inference.state.belief import Belief
-from gridslam.inference.state.layout import HEADING, StateLayout
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import HEADING, StateLayout
 from gridslam.kernels import PATH_BLOCK, ROOT_GIVEN, STATE_GIVEN, TAKE_ROOT
 from gridslam.kernels.primitives.blocks import Draft
 

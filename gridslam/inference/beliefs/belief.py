@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs, dsygv
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.state.layout import HEADING, StateLayout
+from gridslam.inference.beliefs.layout import HEADING, StateLayout
 from gridslam.world.geometry import wrap
 
 JITTER = 1e-12

@@ -1,0 +1,1 @@
+"""Measurements of a step by anchor, and those of earlier steps that nothing explained."""
