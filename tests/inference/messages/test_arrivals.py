@@ -69,6 +69,24 @@ def test_a_line_of_sight_counts_as_one_wave_of_as_many_as_there_are_antennas_by_
     assert found == pytest.approx(wave + density(60, 3) - density(160, 4))
 
 
+def test_what_side_lobes_send_somewhere_is_no_wave_there_by_hand():
+    output = np.sqrt(np.repeat([[0.0], [40.0], [0.0]], 4, 1)) + 0j
+    got = Arrivals(output, 2.0, np.array([1.0, 0.0, 0.0]), 0.5, np.array([2]), np.array([0.0, 4.5, 0.0]))
+    at = np.array([0.5]), np.array([155.0]), np.array([[90.0]])
+    found, clear = (one.seen(*at)[0, 0] for one in (got, replace(got, lobes=np.zeros(3))))
+
+    def density(power, count):  # in 2 of noise and 4 times 4.5 of lobes
+        return np.logaddexp(0, count * _excess(power / (20 * count)) - COST) - power / 20 - count * np.log(20)
+
+    wave = -np.log(20 + 90) - 155 / 110
+    assert found == pytest.approx(wave + density(5, 3) - density(160, 4))
+    assert found < clear - 10
+
+
+def _excess(level):
+    return level - 1 - np.log(level) if level > 1 else 0.0
+
+
 @pytest.mark.slow
 def test_hybrid_slam_stays_with_the_first_arrival_where_a_louder_one_follows_and_its_reference_does_not():
     model, draw = signal_model(spread=(0.5, 0.5, 0.1, 0.1)), np.random.default_rng(3)

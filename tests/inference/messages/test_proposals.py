@@ -14,6 +14,7 @@ from gridslam.inference.messages.features.proposals import (
     CROWD_EXTENT_M,
     LOOSE,
     extra_slopes,
+    shift_slopes,
     with_proposals,
 )
 from gridslam.inference.messages.features.rivals import PRICES
@@ -27,7 +28,8 @@ from gridslam.inference.messages.features.seeding import (
     propose,
 )
 from gridslam.inference.messages.features.stretch import stretch_of
-from gridslam.inference.state.features.features import MOVING, entries
+from gridslam.inference.state.features.features import MOVING, FeatureBank, entries
+from gridslam.inference.state.features.hybrid_state import JointBelief
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 
@@ -140,3 +142,19 @@ def test_slopes_of_a_scatterers_extra_length_agree_with_differences():
         (extra(entry[0], entry[1] + step) - extra(entry[0], entry[1] - step)) / (2 * step),
     ]
     np.testing.assert_allclose(extra_slopes(entry, anchor - origin), expected, rtol=1e-5)
+
+
+def test_a_feature_is_where_the_agent_saw_it_by_hand():
+    """An agent that is 0.2 m farther along x saw it 0.2 m farther; one beside it, at another angle."""
+    belief = JointBelief(
+        np.zeros(4), np.diag([0.04, 0.01, 1.0, 1.0]), FeatureBank.empty(), np.ones(1), np.ones(1), np.ones(1)
+    )
+    entry = np.array([6.0, 0.0, 1.0])  # 5 m along x, and 1 m more
+    moved = shift_slopes(entry)
+    found = belief.with_feature(0, entry, np.diag([0.09, 0.04, 0.25]), np.zeros(2), 1.0, 0, 0, moved)
+    own = found.covariance[MOVING:, MOVING:]
+    np.testing.assert_allclose(own, np.diag([0.09 + 0.04, 0.04 + 0.01 / 25, 0.25]))
+    towards = np.zeros((3, MOVING))
+    towards[0, 0], towards[1, 1] = 0.04, 0.01 / 5
+    np.testing.assert_allclose(found.covariance[MOVING:, :MOVING], towards)
+    np.testing.assert_allclose(found.covariance[:MOVING, MOVING:], towards.T)

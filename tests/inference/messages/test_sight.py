@@ -123,3 +123,23 @@ def test_powers_of_handed_over_features_follow_the_scale_of_the_samples():
     z = 100 * received(model, (0, 0), 0.4, [LOS], [300.0], draw)
     found = rescaled(prior(model, features=1), [Front(model.waveform).tables(z)], AUDIBLE)
     assert found.features.power[0] == pytest.approx(500 * 1e4, rel=0.3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_few_particles_carry_the_weight_others_are_drawn_about_them(seed):
+    model, draw = signal_model(), np.random.default_rng(seed)
+    front = Front(model.waveform)
+    start = model.start_mean[:2] + 0.3 * draw.standard_normal(2)
+    z = received(model, start, 0.4, [LOS], [1e6], draw)
+    tables, belief = [front.tables(z)], prior(model)
+    belief = rescaled(belief, tables, AUDIBLE)
+    cloud = start_particles(belief, tables, AUDIBLE, model, seed)
+    given = cloud, belief, z, tables, AUDIBLE, 0.4, front, model, seed, 0
+    _, plain = update_particles(*given)
+    after, moments = update_particles(*given, bounded=True)
+    assert plain.effective < 10
+    assert moments.effective > 0.03 * len(cloud.agent) - 1
+    off = moments.mean[:2] - start
+    assert off @ np.linalg.solve(moments.covariance[:2, :2], off) < 20
+    speed = np.sqrt(np.diagonal(np.cov(after.agent[:, 2:].T)))
+    assert (speed > 0.2).all(), "nothing has told of it yet: 0.5 m/s"

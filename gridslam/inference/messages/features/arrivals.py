@@ -24,6 +24,8 @@ COST = 12.0
 """Nats that a path costs that nobody knows of, as a new feature does."""
 LEAKS = 4.0
 """Least power of an arrival in that of any other's side lobe where it stands: lobes add up."""
+MISFIT = 0.03
+"""Share of a line of sight's power that is left of it where it is looked for 5 cm beside its place."""
 HALF, LOBE = 0.5, 0.05
 """Shares of its power to which a pulse falls on its flank, and where its main lobe ends."""
 
@@ -80,6 +82,7 @@ class Arrivals:
         for at in range(first, last):
             sent = self.pulse[at:0:-1, None] * self.output[at]
             left = (np.abs(self.output[:at] - sent) ** 2).mean(1)
+            left -= MISFIT * (np.abs(self.output[at]) ** 2).mean()
             found[at - first] = self._explained(left, slice(0, at)).max(initial=COST) - COST
         nats: Array = np.interp(row, np.arange(first, last), found)
         return nats
@@ -105,9 +108,10 @@ class Arrivals:
         count, lengths = self.output.shape[1], self.step_m * np.arange(len(self.output))
         total = np.interp(length_m, lengths, (np.abs(self.output) ** 2).sum(1))
         rest = np.maximum(total - coherent, 0.0)
-        floor = np.maximum(rest / max(count - 1, 1), self.noise)[:, None] + level
+        noise = self.noise + LEAKS * np.interp(length_m, lengths, self.lobes)
+        floor = np.maximum(rest / max(count - 1, 1), noise)[:, None] + level
         nats: Array = -np.log(floor) - coherent[:, None] / floor
-        nats += (_density(rest, count - 1, self.noise) - _density(total, count, self.noise))[:, None]
+        nats += (_density(rest, count - 1, noise) - _density(total, count, noise))[:, None]
         return nats
 
     def _explained(self, power: Array, rows: slice | NDArray[np.int64]) -> Array:
@@ -123,7 +127,7 @@ def _gain(level: Array, count: int) -> Array:
     return nats
 
 
-def _density(power: Array, count: int, noise: float) -> Array:
+def _density(power: Array, count: int, noise: Array) -> Array:
     """Log density of the power (P,) of so many outputs, in noise or, at a cost, of a path besides."""
     quiet = -power / noise - count * np.log(noise)
     nats: Array = np.logaddexp(quiet, quiet + _gain(power / (max(count, 1) * noise), count) - COST)

@@ -12,9 +12,10 @@ from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.arrivals import Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.joint_update import SIGHTED, predict, update
+from gridslam.inference.messages.features.joint_update import SIGHTED, predict
 from gridslam.inference.messages.features.path_products import LEAST_M
 from gridslam.inference.messages.features.sight import Moments
+from gridslam.inference.messages.features.strangers import update_beside_strangers as update
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel

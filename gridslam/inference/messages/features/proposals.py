@@ -9,6 +9,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.following import START_STEPS
+from gridslam.inference.messages.features.path_products import LEAST_M
 from gridslam.inference.messages.features.seeding import (
     FREE,
     IMAGE,
@@ -103,13 +104,22 @@ def with_proposals(
             tied = max(LOOSE * entry[0], TIED_M) if crowded else TIED_M
             width = {IMAGE: none, SCATTERED: tied, FREE: EXTRA_SHARE * row[2]}[int(what)]
             spread = np.diag(np.square([LENGTH_STD_M, DIRECTION_STD_RAD, width]))
+            moved = shift_slopes(entry)  # if the agent is elsewhere, so is what it was seen from
             if what == SCATTERED:
                 slope = extra_slopes(entry, model.anchors[look.anchor, :2] - origin)
                 spread[2] += slope @ spread[:2]
                 spread[:, 2] += spread[:, :2] @ slope
-            belief = belief.with_feature(look.anchor, entry, spread, origin, row[3], identity, first)
+                moved[2] = slope @ moved[:2]
+            belief = belief.with_feature(look.anchor, entry, spread, origin, row[3], identity, first, moved)
             identity += 1
     return belief
+
+
+def shift_slopes(entry: Array) -> Array:
+    """Slopes (3, 2) of a feature's entries (3,) by a shift of its place, (M527)."""
+    ahead = np.array([np.cos(entry[1]), np.sin(entry[1])])
+    aside = np.array([-ahead[1], ahead[0]]) / max(entry[0] - entry[2], LEAST_M)
+    return np.stack([ahead, aside, np.zeros(2)])
 
 
 def extra_slopes(entry: Array, way_m: Array) -> Array:

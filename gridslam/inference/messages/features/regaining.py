@@ -72,13 +72,13 @@ def _gains(
     known = predicted(belief)[paths.rows] > 0.5
     length, angle = paths.numbers.reshape(2, -1)[:, 1:][:, known]
     noise, power = belief.noise[anchor], belief.features.power[paths.rows]
-    response = _responses(length, angle, model)  # (n, N M)
+    response = responses(length, angle, model)  # (n, N M)
     root = np.sqrt(power[known])[:, None] * response
     small = noise * np.eye(len(root)) + root.conj() @ root.T
     rest = samples.ravel() - root.T @ np.linalg.solve(small, root.conj() @ samples.ravel())
     way = model.anchors[anchor, :2] - belief.mean[:2] - shift
     far = np.maximum(np.hypot(*way.T), LEAST_M)
-    tried = _responses(far, np.arctan2(way[:, 1], way[:, 0]) - heading_rad, model)
+    tried = responses(far, np.arctan2(way[:, 1], way[:, 0]) - heading_rad, model)
     level = belief.los_power[anchor]
     match = np.abs(tried.conj() @ rest) ** 2 / noise**2
     over = 1 + level * len(model.waveform.agent_element_m) / far**2 / noise
@@ -86,13 +86,23 @@ def _gains(
     return gain
 
 
-def _responses(length: Array, angle: Array, model: SignalModel) -> Complex:
+def responses(length: Array, angle: Array, model: SignalModel) -> Complex:
     """Responses of paths (n, N M), (M121)."""
-    wave = model.waveform
-    rate = 2 * np.pi / SPEED_OF_LIGHT * wave.offset_hz
-    element = 2 * np.pi / wave.wavelength_m * wave.agent_element_m
-    antennas = np.exp(1j * np.stack([np.cos(angle), np.sin(angle)], -1) @ element.T)
-    spectrum = wave.pulse * np.exp(-1j * np.outer(length, rate)) / length[:, None]
-    size = len(element) * len(rate)
+    antennas, spectrum = steering(angle, model), spectra(length, model)
+    size = antennas.shape[1] * spectrum.shape[1]
     both: Complex = (antennas[:, :, None] * spectrum[:, None, :]).reshape(len(length), size)
     return both
+
+
+def steering(angle: Array, model: SignalModel) -> Complex:
+    """What antennas make of angles (n,): (n, N)."""
+    element = 2 * np.pi / model.waveform.wavelength_m * model.waveform.agent_element_m
+    found: Complex = np.exp(1j * np.stack([np.cos(angle), np.sin(angle)], -1) @ element.T)
+    return found
+
+
+def spectra(length: Array, model: SignalModel) -> Complex:
+    """What is received over lengths (n,) m at each frequency: (n, M)."""
+    rate = 2 * np.pi / SPEED_OF_LIGHT * model.waveform.offset_hz
+    found: Complex = model.waveform.pulse * np.exp(-1j * np.outer(length, rate)) / length[:, None]
+    return found

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.following import START_STEPS
-from gridslam.inference.messages.features.joint_update import predict, update
+from gridslam.inference.messages.features.joint_update import predict
 from gridslam.inference.messages.features.proposals import surveys, with_proposals
 from gridslam.inference.messages.features.seeding import LEAST_GAIN
+from gridslam.inference.messages.features.strangers import update_beside_strangers as update
 from gridslam.inference.messages.features.ways import apart, drifted, moved_starts, spread_m
 from gridslam.inference.state.features.features import ENTRIES, MOVING, places
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment

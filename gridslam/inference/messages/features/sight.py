@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +28,15 @@ SHAPE = 100.0
 NOISE_WITHIN = 3.0
 BLUR_S = 0.1
 """Time of motion by which the agent's covariance is blurred: a particle stands for its surroundings."""
-START, MOVE, RESAMPLE = 1, 2, 3
+START, MOVE, RESAMPLE, NARROW = 1, 2, 3, 4
 """Purposes of random numbers."""
+
+
+ENOUGH, KEPT, NARROWED, WIDER = 0.03, 0.1, 12, 1.5
+"""Share of the particles that has to count; of those that do when others are drawn about them; how many times
+at most; and their variance, in that of the ones that count."""
+LEAST_VARIANCE, HALVINGS = 1e-8, 30
+"""Of a Gaussian of particles, m^2; rounds in which a power of weights is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,53 +127,145 @@ def update_particles(
     Parameters
     ----------
     bounded : bool
-        Whether lines of sight of anchors without features are told from other paths, see `arrivals`.
+        Whether lines of sight of anchors without features are told from other paths, see `arrivals`, and
+        particles are drawn again where too few carry the weight; the references do neither.
     """
-    count, anchors = len(particles.agent), len(audible)
-    existence, weight = particles.existence.copy(), particles.weight.copy()
-    log_own = np.zeros((anchors, count))
-    for j in np.flatnonzero(audible):
-        noise = particles.noise[j]
-        points = np.column_stack([particles.agent[:, :2], np.full(count, heading_rad), noise])
-        known = feature_table(belief, int(j))
-        ratio, square, energy = front.ratios(points, known, model.anchors[j, :2], tables[j]).T
-        absent = (
-            ratio - np.vdot(samples[j], samples[j]).real / noise - samples[j].size * np.log(np.pi * noise)
-        )
-        if bounded and not len(known):
-            came = Arrivals.of(samples[j], front)
-            way = np.hypot(*(model.anchors[j, :2] - particles.agent[:, :2]).T)
-            absent -= came.against(way)
-            gain = came.seen(way, square / energy, particles.node[j] * energy[:, None])
-        else:
-            with_noise = noise[:, None] + particles.node[j] * energy[:, None]
-            gain = square[:, None] * particles.node[j] / (noise[:, None] * with_noise)
-            gain -= np.log(with_noise / noise[:, None])  # (P, G)
-        gain += np.log(np.maximum(weight[j], 1e-300))
-        seen = logsumexp(gain, axis=1)
-        p = existence[j]
-        log_own[j] = absent + np.logaddexp(np.log(p) + seen, np.log1p(-p))
-        top = log_own[j].max()
-        there = p * np.exp(absent + seen - top)
-        existence[j] = np.clip(there.sum() / np.exp(log_own[j] - top).sum(), 1e-12, 1 - 1e-12)
-        nodes = np.exp(gain + (absent - (absent + seen).max())[:, None]).sum(0)
+    heard = [int(j) for j in np.flatnonzero(audible)]
+
+    def evaluate(cloud: ParticleBelief) -> list[Received]:
+        return [
+            _received(cloud, j, belief, samples[j], tables[j], heading_rad, front, model, bounded)
+            for j in heard
+        ]
+
+    if bounded:
+        particles, base, found = concentrated(particles, heard, evaluate, seed, step)
+    else:
+        base, found = np.zeros(len(particles.agent)), evaluate(particles)
+    agent = particles.agent
+    existence, weight, noise = particles.existence.copy(), particles.weight.copy(), particles.noise.copy()
+    draw, count = np.random.default_rng([seed, step, RESAMPLE]), len(agent)
+    total = base + sum(one.log_own for one in found)
+    share = _tempered(total, ENOUGH * count) if bounded else np.exp(total - logsumexp(total))
+    mean = share @ agent
+    off = agent - mean
+    chosen = agent[_resample(share, draw)]
+    for j, one in zip(heard, found, strict=True):
+        own = base + one.log_own
+        existence[j] = np.exp(logsumexp(base + one.log_seen) - logsumexp(own)).clip(1e-12, 1 - 1e-12)
+        nodes = one.gain + (base + one.absent)[:, None]
+        nodes = np.exp(nodes - nodes.max()).sum(0)
         weight[j] = nodes / nodes.sum()
-    total = log_own.sum(0)
-    share = np.exp(total - logsumexp(total))
-    mean = share @ particles.agent
-    off = particles.agent - mean
-    draw = np.random.default_rng([seed, step, RESAMPLE])
-    agent = particles.agent[_resample(share, draw)]
-    noise = particles.noise.copy()
-    for j in np.flatnonzero(audible):
-        own = np.exp(log_own[j] - logsumexp(log_own[j]))
-        noise[j] = draw.permutation(noise[j][_resample(own, draw)])
+        noise[j] = draw.permutation(noise[j][_resample(np.exp(own - logsumexp(own)), draw)])
     evidence = float(logsumexp(total) - np.log(count))
     jolt = BLUR_S * model.settings.acceleration_mps2
     blur = np.square([0.5 * BLUR_S * jolt] * 2 + [jolt] * 2)
     covariance = (share[:, None] * off).T @ off + np.diag(blur)
     moments = Moments(mean, covariance, evidence, float(1 / (share @ share)))
-    return ParticleBelief(agent, noise, existence, particles.node, weight), moments
+    return ParticleBelief(chosen, noise, existence, particles.node, weight), moments
+
+
+@dataclass(frozen=True, eq=False)
+class Received:
+    """What one anchor's samples say of every particle.
+
+    Attributes
+    ----------
+    absent : (P,)
+        Log density of the samples without a line of sight.
+    gain : (P, G)
+        What one of each power adds, and its weight.
+    log_seen, log_own : (P,)
+        Log density with a line of sight, times its probability, and with or without one.
+    """
+
+    absent: Array
+    gain: Array
+    log_seen: Array
+    log_own: Array
+
+
+def _received(
+    particles: ParticleBelief, anchor: int, belief: JointBelief, samples: Complex, table: Tables,
+    heading_rad: float, front: Front, model: SignalModel, bounded: bool,
+) -> Received:  # fmt: skip
+    """Of one anchor."""
+    agent, noise, node = particles.agent, particles.noise[anchor], particles.node[anchor]
+    points = np.column_stack([agent[:, :2], np.full(len(agent), heading_rad), noise])
+    known = feature_table(belief, anchor)
+    ratio, square, energy = front.ratios(points, known, model.anchors[anchor, :2], table).T
+    absent = ratio - np.vdot(samples, samples).real / noise - samples.size * np.log(np.pi * noise)
+    if bounded and not len(known):
+        came = Arrivals.of(samples, front)
+        way = np.hypot(*(model.anchors[anchor, :2] - agent[:, :2]).T)
+        absent -= came.against(way)
+        gain = came.seen(way, square / energy, node * energy[:, None])
+    else:
+        with_noise = noise[:, None] + node * energy[:, None]
+        gain = square[:, None] * node / (noise[:, None] * with_noise)
+        gain -= np.log(with_noise / noise[:, None])  # (P, G)
+    gain += np.log(np.maximum(particles.weight[anchor], 1e-300))
+    there, p = absent + logsumexp(gain, axis=1), particles.existence[anchor]
+    seen = np.log(p) + there
+    return Received(absent, gain, seen, np.logaddexp(seen, np.log1p(-p) + absent))
+
+
+def concentrated(
+    particles: ParticleBelief, heard: list[int], evaluate: Callable[[ParticleBelief], list[Received]],
+    seed: int, step: int,
+) -> tuple[ParticleBelief, Array, list[Received]]:  # fmt: skip
+    """Particles of which enough carry the weight, their importance (P,), and what is received there, (M528).
+
+    Where few of those that are predicted do, others are drawn from a Gaussian about them, which narrows by as
+    much as leaves enough [Cappe2004population]. Their prior is that of the predicted ones' moments then, and
+    noise is as the samples have it.
+    """
+    agent, found = particles.agent, evaluate(particles)
+    kept, base = KEPT * len(agent), np.zeros(len(agent))
+    mean, covariance = agent.mean(0), np.cov(agent.T) + LEAST_VARIANCE * np.eye(MOVING)
+    draw = np.random.default_rng([seed, step, NARROW])
+    for _ in range(NARROWED):
+        total = base + sum(one.log_own for one in found)
+        if _effective(total) >= ENOUGH * len(agent):
+            break
+        share = _tempered(total, kept)
+        centre = share @ agent
+        off = agent - centre
+        spread = WIDER * (share[:, None] * off).T @ off + LEAST_VARIANCE * np.eye(MOVING)
+        agent = centre + draw.standard_normal(agent.shape) @ np.linalg.cholesky(spread).T
+        noise = particles.noise.copy()
+        for j, one in zip(heard, found, strict=True):
+            chosen = noise[j][_resample(_tempered(base + one.log_own, kept), draw)]
+            noise[j] = draw.permutation(chosen) * draw.gamma(SHAPE, 1 / SHAPE, len(agent))
+        particles = replace(particles, agent=agent, noise=noise)
+        base = _log_normal(agent, mean, covariance) - _log_normal(agent, centre, spread)
+        found = evaluate(particles)
+    return particles, base, found
+
+
+def _effective(log: Array) -> float:
+    """How many of a weighted set count."""
+    return float(np.exp(2 * logsumexp(log) - logsumexp(2 * log)))
+
+
+def _tempered(log: Array, least: float) -> Array:
+    """Weights, to the largest power up to 1 by which so many count."""
+    low, high = float(_effective(log) >= least), 1.0
+    for _ in range(HALVINGS if low < high else 0):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _effective(middle * log) >= least else (low, middle)
+    share: Array = np.exp(low * log - logsumexp(low * log))
+    return share
+
+
+def _log_normal(points: Array, mean: Array, covariance: Array) -> Array:
+    """Log density, (P,)."""
+    root = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(root, (points - mean).T)
+    density: Array = (
+        -0.5 * (white**2).sum(0) - np.log(np.diagonal(root)).sum() - 0.5 * len(mean) * np.log(2 * np.pi)
+    )
+    return density
 
 
 def los_power(particles: ParticleBelief) -> Array:

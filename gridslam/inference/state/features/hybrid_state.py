@@ -78,11 +78,22 @@ class JointBelief:
         power: float,
         identity: int,
         step: int,
+        slopes: Array | None = None,
     ) -> Self:
-        """One more feature, independent of all else: entries (3,) and their covariance (3, 3)."""
+        """One more feature: entries (3,) and their covariance (3, 3), where the agent is as believed.
+
+        Parameters
+        ----------
+        slopes : (3, 2), optional
+            Of the entries by the agent's place. Default: it is independent of all else.
+        """
         size = len(self.mean)
         covariance = np.zeros((size + ENTRIES, size + ENTRIES))
         covariance[:size, :size], covariance[size:, size:] = self.covariance, spread
+        if slopes is not None:
+            shared = slopes @ self.covariance[:2]
+            covariance[size:, :size], covariance[:size, size:] = shared, shared.T
+            covariance[size:, size:] += shared[:, :2] @ slopes.T
         return replace(
             self,
             mean=np.concatenate([self.mean, entry]),
