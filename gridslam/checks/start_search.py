@@ -14,7 +14,7 @@ from gridslam.checks.line_of_sight_filter import PARTICLES, TOLD_APART, Sight, e
 from gridslam.checks.rivals import CERTAIN
 from gridslam.checks.sight_likelihood import ANGLE_STD
 from gridslam.checks.turned_anchors import UNSEEN
-from gridslam.checks.unit_hypotheses import Suspicion
+from gridslam.checks.unit_hypotheses import ADVICE, Suspicion
 from gridslam.checks.views import enclosed
 from gridslam.world.columns import Columns
 from gridslam.world.geometry import level_of, unit, wrap
@@ -27,6 +27,10 @@ MANY_STARTS = MOST // PARTICLES
 LEAST_M, SPREAD_M = 0.1, 0.2
 """Shortest level distance of a pose from its anchor; how far poses are spread about where a row puts them."""
 
+HALF_RAD = np.radians(160.0)
+"""Turn of the heading from which on arrivals may be read backwards."""
+ALONG, ASIDE_RAD = np.cos(np.radians(30.0)), np.radians(30.0)
+"""Cosine to its heading of an agent that goes ahead; turn from which on arrivals may be of another axis."""
 RIVAL = 25.0
 """Log likelihood ratio in nats within which another start and another cure are named side by side."""
 ELSEWHERE = {"start", "agent", "second device"}
@@ -148,6 +152,14 @@ def other_start(
         return None, own
     text = start_words(sight.start, there, body.start_heading_deg)
     sure = sight.evidence > best.evidence + RIVAL
+    if (
+        there and gap_rad > ASIDE_RAD and not one_in_sight(sight)
+    ):  # an array that is mounted otherwise fits as well
+        sure, arrivals = (
+            False,
+            arrivals_words(float(wrap(sight.start[2] - np.radians(body.start_heading_deg)))),
+        )
+        text = f"{text}; or {arrivals}" if goes_ahead(sight) > ALONG else f"{arrivals}; or {text}"
     return Suspicion("start", "start", text, sure, _reason(table, scene, agent, None, plain, sight)), sight
 
 
@@ -189,6 +201,16 @@ def start_words(start: Array, there: bool, heading_deg: float) -> str:
     return (
         f"start_m and start_heading_deg don't fit: with a start at {place} and "
         f"a heading of {facing} the table does as it stands; they are to be those of the table's first step"
+    )
+
+
+def arrivals_words(gap_rad: float) -> str:
+    """What arrivals may be instead, where headings seem off by so much."""
+    if abs(gap_rad) > HALF_RAD:
+        return f"aoa_rad is {ADVICE['backwards']}"
+    return (
+        f"aoa_rad is {np.degrees(-gap_rad):+.0f} degrees off, counted from another axis of the agent than "
+        "the one that start_heading_deg is of"
     )
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from gridslam.checks.handover_rivals import at_odds
 from gridslam.checks.handovers import FIRST, Beginning, Ties
-from gridslam.checks.start_search import start_words
-from gridslam.checks.unit_hypotheses import ADVICE, Suspicion
+from gridslam.checks.start_search import arrivals_words, start_words
+from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
@@ -22,8 +22,6 @@ SIGMAS = 3.0
 """Standard deviations of the first poses that a start may be off besides."""
 KNOWN_M, KNOWN_RAD = 0.4, np.radians(15.0)
 """Standard deviations up to which anything is told."""
-HALF_RAD = np.radians(160.0)
-"""Turn of the heading from which on arrivals may be read backwards."""
 ALONG_RAD, WAY_M = np.radians(30.0), 0.4
 """To its heading, of an agent that goes ahead; way in the first steps by which its course is known."""
 
@@ -54,7 +52,7 @@ def other_start_told(table: Columns, scene: Scene, agent: str | None) -> Suspici
     facing = float(wrap(told + (start.gap_rad if np.isfinite(start.gap_rad) else 0.0)))
     texts = [start_words(np.array([*start.place, facing]), not far, body.start_heading_deg)]
     if not far:
-        texts.append(_of_arrivals(start.gap_rad))
+        texts.append(arrivals_words(start.gap_rad))
         if _goes(start, told) and not _goes(start, facing):  # an agent goes ahead, mostly
             texts = texts[::-1]
     single = [scene.anchor_names[number] for number in start.anchors]
@@ -69,16 +67,6 @@ def other_start_told(table: Columns, scene: Scene, agent: str | None) -> Suspici
         f"put the agent {off} from the told start"
     )
     return Suspicion("start", "start", "; or ".join(texts), len(texts) == 1, reason)
-
-
-def _of_arrivals(gap_rad: float) -> str:
-    """What arrivals may be instead, where headings seem off by so much."""
-    if abs(gap_rad) > HALF_RAD:
-        return f"aoa_rad is {ADVICE['backwards']}"
-    return (
-        f"aoa_rad is {np.degrees(-gap_rad):+.0f} degrees off, counted from another axis of the agent than "
-        "the one that start_heading_deg is of"
-    )
 
 
 def _goes(start: Beginning, facing_rad: float) -> bool:

@@ -79,6 +79,9 @@ ADVICE = {
 }
 
 
+ANGLE_DEVIATIONS = ("aod_std_rad", "aoa_std_rad", "aod_elevation_std_rad", "aoa_elevation_std_rad")
+
+
 def absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:
     """What no value of a column can be, and the table read the other way."""
     found, table = [], dict(columns)
@@ -87,6 +90,12 @@ def absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:
         wide = np.abs(values) > 2 * np.pi
         if wide.mean() > 0.01 if len(values) else False:
             reason = f"up to {np.abs(values).max():.4g}, {wide.mean():.0%} beyond 2 pi"
+            found.append(Suspicion(name, "degrees", ADVICE["degrees"], True, reason))
+            table[name] = np.radians(columns[name])
+    for name in ANGLE_DEVIATIONS:
+        values = finite(columns, name)
+        if len(values) and (values > np.pi / 2).mean() > 0.01:
+            reason = f"up to {values.max():.4g} rad, where a quarter of a turn is 1.57"
             found.append(Suspicion(name, "degrees", ADVICE["degrees"], True, reason))
             table[name] = np.radians(columns[name])
     values = finite(columns, "distance_m")

@@ -41,7 +41,8 @@ def fit_notes(
     if notes:  # such distances fit no true track either
         return [*notes, *early]
     misfit = _misfit_notes(world, runs, observations, file, scene)
-    return [*misfit, *early, *start_notes(world, runs), *truth_notes(world, runs, observations)]
+    about = [*start_notes(world, runs), *course_notes(runs), *truth_notes(world, runs, observations)]
+    return [*misfit, *early, *about]
 
 
 def start_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
@@ -69,6 +70,14 @@ def start_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
                 f"from the told start, known to {body.prior.position_m:g} m: see start_m, or the anchors"
             )
     return notes
+
+
+def course_notes(runs: Sequence[Run]) -> list[str]:
+    """Whose heading and direction of motion don't go together."""
+    from gridslam.checks.course import course_note
+
+    notes = [(run.agent, course_note(run.estimates)) for run in runs]
+    return [f"{agent}: {note}" for agent, note in notes if note is not None]
 
 
 def early_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:

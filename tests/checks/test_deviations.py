@@ -5,6 +5,7 @@ import pytest
 from check_tables import SCENES, simulated_columns
 
 from gridslam.checks.deviations import variances
+from gridslam.checks.unit_hypotheses import absurd
 
 ROOM = SCENES["room"]
 
@@ -33,3 +34,12 @@ def test_little_tells_nothing():
     missing = table(1, 2) | {"amplitude": np.full(len(table()["step"]), np.nan)}
     assert variances(missing, ROOM) == []
     assert variances({"step": np.zeros(0)}, ROOM) == []
+
+
+def test_deviations_of_angles_beyond_a_quarter_of_a_turn_are_degrees():
+    columns = simulated_columns("room", 3, steps=5)
+    right = np.full(len(columns["step"]), 0.05)
+    assert absurd(columns | {"aoa_std_rad": right})[0] == []
+    (found,), table = absurd(columns | {"aoa_std_rad": np.degrees(right)})
+    assert (found.column, found.kind, found.certain) == ("aoa_std_rad", "degrees", True)
+    np.testing.assert_allclose(table["aoa_std_rad"], right)

@@ -40,6 +40,17 @@ def test_a_wrong_start_stays_one(names, told):
     assert (found.column, found.kind) == ("start", "start")
 
 
+@pytest.mark.slow
+def test_an_array_that_is_mounted_sideways_is_named_beside_a_heading():
+    """Both fit alike; who goes ahead as told has another axis."""
+    right = heard(tuple(ANCHORS))
+    *_, found = suspected(right | {"aoa_rad": right["aoa_rad"] + np.pi / 2}, lab(tuple(ANCHORS)))
+    assert (found.kind, found.certain) == ("start", False)
+    first, second = found.text.split("; or ")
+    assert first.startswith("aoa_rad is +")
+    assert second.startswith("start_heading_deg of 0 doesn't fit")
+
+
 def test_a_start_outside_of_the_walls_is_none():
     table = heard(PAIR)
     wrong = table | {"aoa_rad": -table["aoa_rad"]}

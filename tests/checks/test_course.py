@@ -1,0 +1,48 @@
+"""What a run's heading and way say of angles of arrival: mounted sideways, or the world's."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gridslam.checks.course import course_note
+
+ANGLE = np.linspace(0, 1.5 * np.pi, 120)
+LOOP = 2.5 * np.stack([np.cos(ANGLE), np.sin(ANGLE)], 1)
+AHEAD = ANGLE + np.pi / 2
+
+
+def followed(place, heading, seed=1):
+    """Estimates of a run, off by a centimetre and a degree."""
+    draw = np.random.default_rng(seed)
+    place = place + 0.01 * draw.standard_normal(place.shape)
+    turn = np.radians(1.0) * draw.standard_normal(len(place))
+    return [
+        SimpleNamespace(position_m=p, heading_rad=None if h is None else h + t)
+        for p, h, t in zip(place, heading, turn, strict=True)
+    ]
+
+
+def test_who_looks_where_it_goes_is_left_alone():
+    assert course_note(followed(LOOP, AHEAD)) is None
+    assert course_note(followed(LOOP, AHEAD + np.radians(20))) is None
+    straight = np.stack([np.linspace(0, 6, 120), np.zeros(120)], 1)
+    assert course_note(followed(straight, np.zeros(120))) is None
+
+
+@pytest.mark.parametrize(
+    ("turn", "words"), [(-90, "to its left all the way (9"), (60, "to its right"), (180, "backwards")]
+)
+def test_who_never_does_is_told_how_it_goes(turn, words):
+    assert words in course_note(followed(LOOP, AHEAD + np.radians(turn)))
+
+
+def test_a_heading_that_stays_on_a_way_that_bends_is_of_the_world():
+    assert "world's frame" in course_note(followed(LOOP, np.full(120, 1.4)))
+
+
+def test_little_tells_nothing():
+    assert course_note([]) is None
+    assert course_note(followed(LOOP[:10], np.zeros(10))) is None
+    assert course_note(followed(LOOP, [None] * 120)) is None
+    assert course_note(followed(np.zeros((120, 2)), np.zeros(120))) is None, "it stands"
