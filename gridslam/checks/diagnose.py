@@ -20,7 +20,7 @@ from gridslam.checks.deviations import variances
 from gridslam.checks.fillers import padding
 from gridslam.checks.repeats import repeats_line
 from gridslam.checks.scene_lines import implausible_radio
-from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, finite
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, beyond_radio, finite
 from gridslam.checks.verdict import UNSURE, verdict
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
@@ -195,7 +195,9 @@ def suspicions(
     table = columns | {"anchor": place[columns["anchor"]]}
     who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
     found += variances(table, scene)
-    return found + against_scene(table, scene, who, {item.column for item in plain})
+    found += against_scene(table, scene, who, {item.column for item in plain})
+    named = any(item.column == "distance_m" for item in found)
+    return found if named else found + beyond_radio(table, scene)
 
 
 def _anchors(names: tuple[str, ...], scene: Scene, folded: bool = False) -> NDArray[np.intp] | None:

@@ -84,6 +84,16 @@ def test_each_usual_error_is_named_and_nothing_else(tables, case, name):
         assert [(item.column, item.kind, item.certain) for item in found] == [(column, kind, True)]
 
 
+def test_distances_beyond_the_radio_are_named_with_the_largest(tables):
+    table, scene = tables["room", 1], SCENES["room"]
+    good = columns(table, BRIEF)
+    (one,) = suspicions(good | {"distance_m": 1e9 * good["distance_m"]}, table.anchors, scene)
+    assert (one.column, one.kind, one.certain) == ("distance_m", "beyond", True)
+    allowed = f"radio.max_distance_m allows {scene.radio.max_distance_m:g} m"
+    assert f"up to {1e9 * good['distance_m'].max():.4g} m" in one.text
+    assert allowed in one.text
+
+
 @pytest.mark.slow
 def test_two_errors_at_once_are_both_named(tables):
     table = tables["room", 1]
