@@ -97,7 +97,7 @@ def test_a_table_with_no_distance_that_the_radio_measures_is_refused_in_one_line
         r"far.csv: distance_m: found \S+ to \S+e\+\d+ m; allowed: up to radio.max_distance_m", line
     )
     scene, heard = gs.Scene.load("tiny.toml"), gs.Measurements.load("far.csv")
-    with pytest.raises(gs.InputError, match="distance_m: found .* allowed: up to radio.max_distance_m"):
+    with pytest.raises(gs.InputError, match=r"distance_m: found .* allowed: up to radio.max_distance_m"):
         gs.map_scene(scene, heard, agent="agent1")
 
 
