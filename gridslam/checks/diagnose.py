@@ -104,7 +104,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
             f"{UNSURE}distances hold offsets of the scene's clocks, up to {offset_m:.0f} m, so that lines of "
             "sight aren't judged; in a file with a column agent they are, by angles"
         )
-    elif scene is not None and not found and not odd:
+    elif scene is not None and not (found or odd or any(line.startswith("refused: ") for line in lines)):
         place = _anchors(names, scene)
         who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
         lines.append(verdict(columns, place, scene, who))

@@ -182,6 +182,25 @@ def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, tables):
     assert "degrees" in lines[-2]
 
 
+@pytest.mark.parametrize("spoil", ["time", "rows"])
+def test_nothing_is_said_to_fit_of_a_table_that_is_refused(tmp_path, tables, spoil):
+    path = tmp_path / "heard.csv"
+    tables["room", 1].to_csv(path)
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    at = [head.split(",").index(name) for name in ("step", "time_s")]
+    first = next(row[at[1]] for row in cells if row[at[0]] == "3")
+    if spoil == "time":
+        for row in cells:
+            row[at[1]] = first if row[at[0]] == "4" else row[at[1]]
+    else:
+        cells += [row for row in cells if row[at[0]] == "3"]
+    path.write_text("\n".join([head, *(",".join(row) for row in cells)]))
+    lines = describe(path, SCENES["room"])
+    assert lines[-1].startswith("refused: ")
+    assert not any("fit the scene" in line for line in lines)
+
+
 def test_same_lines_from_every_format(tmp_path, tables):
     table = tables["alcove", 1]
     table.to_csv(tmp_path / "a.csv")
