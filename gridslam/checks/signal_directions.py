@@ -28,7 +28,7 @@ TOLD = 0.15
 """Share that noise must leave for anything to be told."""
 WRAPPED_RAD, ALONG, MORE = 0.1, 0.5, 0.1
 """How far headings are from the true ones, in degrees and wrapped, up to which they are these; with errors of
-a degree, mean cosine from which on they are, if so much above that of headings that are turned by any angle."""
+a degree, mean cosine from which on they are, if so far above that of headings turned by any angle."""
 MIRRORED, ACROSS = np.array([1.0, -1.0]), np.array([-1.0, -1.0])
 
 
@@ -167,7 +167,7 @@ def directions(
 
 
 def _wrapped_degrees(heading: Array, true: Array) -> bool:
-    """Whether headings (N,) are the true ones in degrees, which a recording keeps wrapped, without the turns."""
+    """Whether headings (N,) are the true ones in degrees, kept wrapped, so that the turns are gone."""
     apart = wrap(heading - np.degrees(true))
     along, turned = np.cos(apart).mean(), np.abs(np.exp(1j * (heading - true)).mean())
     return bool(np.median(np.abs(apart)) < WRAPPED_RAD or along > max(ALONG, turned + MORE))
