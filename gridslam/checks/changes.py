@@ -67,7 +67,9 @@ def change(seen: Crossed, table: Columns, model: FilterModel) -> Suspicion | Non
 
 def _changed_clock(seen: Crossed, model: FilterModel) -> Suspicion | None:
     """The anchor whose distances jump or drift."""
-    least, found = min(fit.misfit for fit in seen.fits), sorted([*_jumps(seen), *_drifts(seen)])
+    least = min(fit.misfit for fit in seen.fits)
+    # misfits are bounded, so that they may be equal
+    found = sorted([*_jumps(seen), *_drifts(seen)], key=lambda one: one.misfit)
     if not found or found[0].misfit > EXPLAINED * seen.numbers:
         return None
     best, scale = found[0], max(found[0].misfit / seen.numbers, 1.0)

@@ -20,7 +20,7 @@ from gridslam.checks.deviations import variances
 from gridslam.checks.fillers import padding
 from gridslam.checks.repeats import repeats_line
 from gridslam.checks.scene_lines import implausible_radio
-from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, finite
+from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, beyond_radio, finite
 from gridslam.checks.verdict import UNSURE, verdict
 from gridslam.errors import InputError, located
 from gridslam.measurements import csv_table, hdf5_table, matlab
@@ -104,7 +104,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
             f"{UNSURE}distances hold offsets of the scene's clocks, up to {offset_m:.0f} m, so that lines of "
             "sight aren't judged; in a file with a column agent they are, by angles"
         )
-    elif scene is not None and not found and not odd:
+    elif scene is not None and not (found or odd or any(line.startswith("refused: ") for line in lines)):
         place = _anchors(names, scene)
         who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
         lines.append(verdict(columns, place, scene, who))
@@ -195,7 +195,9 @@ def suspicions(
     table = columns | {"anchor": place[columns["anchor"]]}
     who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
     found += variances(table, scene)
-    return found + against_scene(table, scene, who, {item.column for item in plain})
+    found += against_scene(table, scene, who, {item.column for item in plain})
+    named = any(item.column == "distance_m" for item in found)
+    return found if named else found + beyond_radio(table, scene)
 
 
 def _anchors(names: tuple[str, ...], scene: Scene, folded: bool = False) -> NDArray[np.intp] | None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gridslam.arrays import Array, squared
 from gridslam.checks.signal_places import Complex, Places
+from gridslam.world.geometry import wrap
 from gridslam.world.waveform import Waveform, steering
 
 BETTER, TIMES = 0.25, 1.3
@@ -25,6 +26,9 @@ FEW, TIMES_OF_FEW = 20, 2.5
 """Snapshots below which chance may turn directions: more must be explained, and nothing is merely wrong."""
 TOLD = 0.15
 """Share that noise must leave for anything to be told."""
+WRAPPED_RAD, ALONG, MORE = 0.1, 0.5, 0.1
+"""How far headings are from the true ones, in degrees and wrapped, up to which they are these; with errors of
+a degree, mean cosine from which on they are, if so far above that of headings turned by any angle."""
 MIRRORED, ACROSS = np.array([1.0, -1.0]), np.array([-1.0, -1.0])
 
 
@@ -152,14 +156,21 @@ def directions(
     if ways[best] > needed and (known is None or ways[best] > known - 0.4 * BETTER * left):
         return fit, [*lines, f"suspect: {best}"]
     if known is not None and known > needed:
-        return fit, [
-            *lines,
-            "suspect: heading_rad: another frame or sensor than the agent's: the true heading fits",
-        ]
+        what = "another frame or sensor than the agent's: the true heading fits"
+        if _wrapped_degrees(heading, places.heading_rad):
+            what = "degrees, not radians, wrapped since: the true heading fits, and in degrees it is this one"
+        return fit, [*lines, f"suspect: heading_rad: {what}"]
     if fit.misses and not few:
         what = "element places, headings or orientations of anchors are other than they are said to be"
         lines.append(f"suspect: directions: {what}, or walls hide the anchors; no single cure explains them")
     return fit, lines
+
+
+def _wrapped_degrees(heading: Array, true: Array) -> bool:
+    """Whether headings (N,) are the true ones in degrees, kept wrapped, so that the turns are gone."""
+    apart = wrap(heading - np.degrees(true))
+    along, turned = np.cos(apart).mean(), np.abs(np.exp(1j * (heading - true)).mean())
+    return bool(np.median(np.abs(apart)) < WRAPPED_RAD or along > max(ALONG, turned + MORE))
 
 
 def _matched(own: Complex, waveform: Waveform, lengths: Array, half: float) -> Complex:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.world.columns import Columns
 from gridslam.world.geometry import wrap
+from gridslam.world.network_scene import longest_m
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
@@ -31,7 +32,7 @@ class Suspicion:
         "padding", "missing", "case", "names", "offset", "slant", "rise", "milliseconds", "microseconds",
         "fast", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
         "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
-        "dB", "power", "level" or "variances".
+        "dB", "power", "level", "variances" or "beyond".
     text : str
         What it looks like and what to do.
     certain : bool
@@ -109,6 +110,16 @@ def absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:
         found.append(Suspicion("amplitude", "dB", ADVICE["dB"], True, reason))
         table["amplitude"] = 10 ** (columns["amplitude"] / 20)
     return found, table
+
+
+def beyond_radio(columns: Columns, scene: Scene) -> list[Suspicion]:
+    """Whether most distances are longer than the scene's radio measures any."""
+    values, most = finite(columns, "distance_m"), longest_m(scene)
+    if not len(values) or not np.median(values) > most:
+        return []
+    text = f"up to {values.max():.4g} m, where the scene's radio.max_distance_m allows {most:g} m"
+    reason = f"{(values > most).mean():.0%} of them are beyond it"
+    return [Suspicion("distance_m", "beyond", text, True, reason)]
 
 
 def readings(name: str, scene: Scene, table: Columns) -> dict[str, Reading]:

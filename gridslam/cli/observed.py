@@ -154,8 +154,9 @@ def noted() -> Iterator[list[str]]:
         warnings.showwarning = shown
 
 
-def refuse_without_distances(method: str, heard: Iterable[tuple[Path, Observations]]) -> None:
-    """Refuse tables in which no row has a distance; methods of one's own may do without.
+def refuse_without_distances(world: Scene, method: str, heard: Iterable[tuple[Path, Observations]]) -> None:
+    """Refuse tables in which no row has a distance, or one that the radio measures; methods of one's own may
+    do without.
 
     Raises
     ------
@@ -164,12 +165,14 @@ def refuse_without_distances(method: str, heard: Iterable[tuple[Path, Observatio
     """
     from gridslam.errors import located
     from gridslam.measurements.table import Measurements
-    from gridslam.world.columns import require_distances
+    from gridslam.world.columns import require_distances, require_within
+    from gridslam.world.network_scene import longest_m
 
     for file, own in heard:
         if isinstance(own, Measurements) and method in METHODS:
             with located(file):
                 require_distances(own.columns)
+                require_within(own.columns, longest_m(world))
 
 
 def own_rows(

@@ -95,7 +95,7 @@ def _run_in_turn(asked: Asked) -> None:
                 for name in names
             }
         known = {name: own for name, own in every.items() if own is not None}
-        refuse_without_distances(method, [(by_name[name], own) for name, own in known.items()])
+        refuse_without_distances(world, method, [(by_name[name], own) for name, own in known.items()])
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (
             fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)

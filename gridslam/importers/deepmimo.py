@@ -3,7 +3,7 @@
 Conventions of DeepMIMO, of which only the arrays are read: ``delay`` in s; ``aod_az``, ``aoa_az`` azimuths
 and ``aod_el``, ``aoa_el`` angles from the vertical, all in degrees and world coordinates, the arrival towards
 where the path comes from; ``power`` in dB of the channel gain (dBm at 0 dBm sent); each (users, paths),
-padded with NaN.
+padded with NaN. Elevations may be left out.
 """
 
 from __future__ import annotations
@@ -21,6 +21,10 @@ from gridslam.measurements.table import Measurements
 from gridslam.world.scene import Scene
 
 ARRAYS = ("delay", "aod_az", "aoa_az", "aod_el", "aoa_el", "power")
+NEEDED = tuple(name for name in ARRAYS if not name.endswith("_el"))
+LONGEST_S, SMALL, FEW = 1e-3, 4 * np.pi, 10
+"""Delay (300 km) beyond which they aren't in seconds; two turns, within which all angles are that are radians,
+wrapped or not; paths below which angles may all be small by chance."""
 
 
 def measurements_from_deepmimo(
@@ -92,11 +96,42 @@ def traced(datasets: Sequence[Mapping[str, Any]], users: ArrayLike | None = None
     Raises
     ------
     InputError
-        An array is missing, is no table, or has another shape than ``delay``; or there is no such user.
+        An array is missing, is no table, or has another shape than ``delay``; there is no such user; or
+        delays or angles can't be seconds or degrees.
     """
     if isinstance(datasets, Mapping) or not len(datasets):
         raise InputError("datasets", "one mapping" if datasets else "none", "a list, one item per anchor")
-    return TracedPaths.join([_one(item, k, users) for k, item in enumerate(datasets)], axis=1)
+    found = TracedPaths.join([_one(item, k, users) for k, item in enumerate(datasets)], axis=1)
+    _require_units(found)
+    return found
+
+
+def _require_units(paths: TracedPaths) -> None:
+    """Refuse delays that aren't seconds, and angles that aren't degrees.
+
+    A path leaves and arrives in opposite directions along a line of sight, and with zenith angles that sum to
+    180 degrees over walls: both ends' angles are never all as small as radians are.
+
+    Raises
+    ------
+    InputError
+        Either.
+    """
+    there = np.isfinite(paths.delay_s) & (paths.delay_s > 0)
+    if not there.any():
+        return
+    middle = float(np.median(paths.delay_s[there]))
+    if middle > LONGEST_S:
+        raise InputError("datasets: delay", f"{middle:.4g} in the median", "seconds (of ns, times 1e-9)")
+    ends = {
+        "aod_az, aoa_az": (paths.departure_rad, paths.arrival_rad),
+        "aod_el, aoa_el": (paths.departure_zenith_rad, paths.arrival_zenith_rad),
+    }
+    for names, both in ends.items():
+        angle = np.degrees(np.abs(np.stack(both)[:, there]))
+        angle = angle[np.isfinite(angle)]
+        if len(angle) >= 2 * FEW and 0 < angle.max() <= SMALL:
+            raise InputError(f"datasets: {names}", f"none beyond {angle.max():.3g}", "degrees, not radians")
 
 
 def _one(dataset: Mapping[str, Any], number: int, users: ArrayLike | None) -> TracedPaths:
@@ -107,7 +142,8 @@ def _one(dataset: Mapping[str, Any], number: int, users: ArrayLike | None) -> Tr
             values = np.asarray(dataset[name], dtype=np.float64)
         except (KeyError, AttributeError):
             if not name.endswith("_el"):
-                raise InputError(where, "none", f"all of {', '.join(ARRAYS)}") from None
+                allowed = f"all of {', '.join(NEEDED)} (aod_el and aoa_el may be left out)"
+                raise InputError(where, "none", allowed) from None
             values = np.full_like(table["delay"], 90.0)
         except (TypeError, ValueError) as error:
             raise InputError(where, "no numbers", "an array (users, paths)") from error

@@ -22,8 +22,9 @@ from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, suited, taken_by
 from gridslam.systems.slam import Slam, built, mapped, stepped
-from gridslam.world.columns import require_distances
+from gridslam.world.columns import require_distances, require_within
 from gridslam.world.geometry import wrap
+from gridslam.world.network_scene import longest_m
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
 from gridslam.world.trajectory import Trajectory
@@ -90,7 +91,8 @@ def map_scene(
     InputError
         No scene, unknown method or agent, a class that is no method, a step that returns no estimate, a
         number of particles out of range, a map of another frame, measurements of anchors that aren't the
-        scene's, or of the kind that the method doesn't take, or (for methods of ours) without distances.
+        scene's, or of the kind that the method doesn't take, or (for methods of ours) without distances, or
+        with none that the scene's radio measures.
     """
     require_scene(scene)
     waveform = measurements.waveform if isinstance(measurements, Recording) else None
@@ -104,6 +106,7 @@ def map_scene(
     check_anchors(scene, measurements)
     if isinstance(measurements, Measurements) and method_name(method) in METHODS:  # others may do without
         require_distances(measurements.columns)
+        require_within(measurements.columns, longest_m(scene))
     if prior_map is not None:
         prior_map, _ = fitted(prior_map, scene, same_frame=same_frame)
     simulated = measurements.simulated is not None

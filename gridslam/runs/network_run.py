@@ -24,7 +24,8 @@ from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
 from gridslam.world.clocks import ClockTruth
-from gridslam.world.columns import require_distances
+from gridslam.world.columns import require_distances, require_within
+from gridslam.world.network_scene import longest_m
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
 
@@ -255,6 +256,7 @@ def check_network(scene: Scene, measurements: NetworkMeasurements) -> None:
         raise InputError("measurements", found, "NetworkMeasurements of several agents (one: gs.map_scene)")
     check_names(scene, measurements)
     require_distances(measurements.table.columns)
+    require_within(measurements.table.columns, longest_m(scene))
     negative = np.flatnonzero(measurements.table.distance_m <= 0)
     if scene.clocks is None and len(negative):
         found = f"{measurements.table.distance_m[negative[0]]:.6g}"

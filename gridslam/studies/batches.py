@@ -137,6 +137,11 @@ class Batch:
         counts = [record["agents"][self.agent]["scores"].get("silent_steps") for record in self.records]
         return float("nan") if None in counts else float(sum(counts))
 
+    @property
+    def tells_paths(self) -> bool:
+        """Whether any run ever believes in a path: a method that tells none has 0 at all steps."""
+        return bool(self.steps["rays"].any())
+
     def mapped(self, values: Array) -> Array:
         """Scores of surfaces (..., N): as they are, or NaN of a method that maps none, or none at its steps.
 

@@ -218,6 +218,8 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
         share.set(ylim=(0, 1.02))
         share.tick_params(labelsize="x-small", labelright=panel.get_subplotspec().is_last_col())
         for number, batch in enumerate(own):
+            if np.isnan(batch.mapped(batch.mean("surfaces"))).all():  # it maps no surfaces
+                continue
             color, style = look(number)
             error = batch.steps["surface_error_m"][:, column]
             panel.plot(
@@ -244,13 +246,20 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
     return figure
 
 
-def draw_rays(own: Sequence[Batch]) -> Figure:
-    """Paths of each anchor: detected, sum of their beliefs, and true ones ([Li2025adaptive], Fig. 4a)."""
-    anchors = own[0].benchmark.anchors
+def draw_rays(own: Sequence[Batch]) -> Figure | None:
+    """Paths of each anchor: detected, sum of their beliefs, and true ones ([Li2025adaptive], Fig. 4a).
+
+    None of a method that tells no paths.
+    """
+    anchors, told = own[0].benchmark.anchors, [batch.tells_paths for batch in own]
+    if not any(told):
+        return None
     figure = blank(8, 2.4 * len(anchors) + 0.8)
     panels = figure.subplots(len(anchors), 1, sharex=True, squeeze=False)[:, 0]
     for anchor, (panel, name) in enumerate(zip(panels, anchors, strict=True)):
         for number, batch in enumerate(own):
+            if not told[number]:
+                continue
             color, style = look(number)
             panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=title_of(batch, own))
             panel.plot(batch.mean("ray_belief")[anchor], color=color, ls=style, **PALE)

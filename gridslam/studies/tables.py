@@ -88,7 +88,7 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
         position, heading = batch.rmse("position_error_m")[late], batch.rmse("heading_error_rad")[late]
         nees, rays = batch.mean("position_nees"), batch.mean("rays")
         excess = np.full(2, np.nan)  # of a method that tells no paths
-        if rays.any():
+        if batch.tells_paths:
             excess = np.array([(rays - m[:, :size])[:, late].mean() for m in (mark.rays, mark.likely_rays)])
         rows.append(
             _who(batch)

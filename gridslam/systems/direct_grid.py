@@ -34,6 +34,7 @@ from gridslam.inference.messages.samples.array_updates import (
     update_existence,
 )
 from gridslam.inference.messages.samples.line_evidence import add_faint_surfaces, gather_evidence
+from gridslam.inference.messages.samples.measured_heading import measure_heading
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -67,6 +68,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         state = gather_evidence(state, snapshot, likelihood, model, work=work)  # (M157)
         exchanges[anchor] = exchange_of(snapshot, likelihood, model)
         listened.append((snapshot, likelihood))
+    state = measure_heading(state, scan, model)  # (M519)
     state = add_faint_surfaces(state, listened, model, work=work)  # (M158)
     if listened:
         drawn = cast_messages(state, model, work=work)
@@ -134,7 +136,8 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         believed = self.population
         if scan.heard.any():
             departs = any(len(element) > 1 for element in self.waveform.anchor_element_m)
-            believed = turn_followed(believed, departs or self.model.senders > 1, self.model)
+            told = departs or self.model.senders > 1 or scan.heading_rad is not None
+            believed = turn_followed(believed, told, self.model)
         return advance(believed, scan, self.model, self.work, self.advance)
 
     def map(self) -> Map:

@@ -51,6 +51,26 @@ def require_distances(columns: Mapping[str, NDArray[Any]]) -> None:
         raise InputError("distance_m", "a distance in no row", "distances: nothing can be mapped without")
 
 
+def require_within(columns: Mapping[str, NDArray[Any]], most_m: float) -> None:
+    """Refuse a table of which no distance is one that the radio measures: most are in another unit.
+
+    Parameters
+    ----------
+    most_m : float
+        The longest, `network_scene.longest_m`.
+
+    Raises
+    ------
+    InputError
+        There are distances, and each is longer.
+    """
+    distance = columns.get("distance_m", np.zeros(0))
+    distance = distance[np.isfinite(distance)]
+    if len(distance) and distance.min() > most_m:
+        found = f"{distance.min():.4g} to {distance.max():.4g} m"
+        raise InputError("distance_m", found, f"up to radio.max_distance_m, {most_m:g} m (metres?)")
+
+
 def check_columns(
     columns: Columns,
     anchors: int,

@@ -89,3 +89,10 @@ def require_known_clocks(scene: Scene, agent: str | None = None) -> None:
     ):
         allowed = "none, or a method that finds them: network (network_grid maps cells, too)"
         raise InputError(f"{scene.name}: clocks", "clocks that aren't known", allowed)
+
+
+def longest_m(scene: Scene) -> float:
+    """Longest distance that the radio measures, m; none where clocks may add to it."""
+    window = scene.radio.window_m
+    most = scene.radio.max_distance_m if window is None else max(window[1], scene.radio.max_distance_m)
+    return most if scene.clocks is None else np.inf

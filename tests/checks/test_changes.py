@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.checks import changes
 from gridslam.checks.changes import change
 from gridslam.checks.crossed import Crossed
 from gridslam.checks.diagnose import suspicions
@@ -44,6 +45,19 @@ def test_a_clock_that_jumps_is_named_with_its_step_and_size(heard, metres):
     crossed = Crossed.of(heard.columns, model)
     told = np.array(crossed.steps)  # it is seen where lines of sight cross, no sooner
     assert np.count_nonzero((told >= min(FIRST, int(found[2]))) & (told < max(FIRST, int(found[2])))) < 8
+
+
+@pytest.mark.slow
+def test_a_jump_and_a_drift_that_fit_alike_are_both_ways_to_see_it(heard, monkeypatch):
+    """Misfits are bounded, so that they may be equal: a table of a researcher's ended in a TypeError."""
+    table = jumps(heard, 2.0)
+    model = PILLARS.filter_model("agent1")
+    seen = Crossed.of(table.columns, model)
+    best = min(changes._jumps(seen), key=lambda one: one.misfit)
+    monkeypatch.setattr(changes, "_drifts", lambda seen: [best._replace(since=None)])
+    found = change(seen, dict(table.columns), model)
+    assert found is not None
+    assert "anchor B" in found.text
 
 
 @pytest.mark.slow

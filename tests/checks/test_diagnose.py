@@ -84,6 +84,16 @@ def test_each_usual_error_is_named_and_nothing_else(tables, case, name):
         assert [(item.column, item.kind, item.certain) for item in found] == [(column, kind, True)]
 
 
+def test_distances_beyond_the_radio_are_named_with_the_largest(tables):
+    table, scene = tables["room", 1], SCENES["room"]
+    good = columns(table, BRIEF)
+    (one,) = suspicions(good | {"distance_m": 1e9 * good["distance_m"]}, table.anchors, scene)
+    assert (one.column, one.kind, one.certain) == ("distance_m", "beyond", True)
+    allowed = f"radio.max_distance_m allows {scene.radio.max_distance_m:g} m"
+    assert f"up to {1e9 * good['distance_m'].max():.4g} m" in one.text
+    assert allowed in one.text
+
+
 @pytest.mark.slow
 def test_two_errors_at_once_are_both_named(tables):
     table = tables["room", 1]
@@ -170,6 +180,25 @@ def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, tables):
     assert "  amplitude: not measured" in lines
     assert [line.split(":")[0] for line in lines[-2:]] == ["suspect", "refused"]
     assert "degrees" in lines[-2]
+
+
+@pytest.mark.parametrize("spoil", ["time", "rows"])
+def test_nothing_is_said_to_fit_of_a_table_that_is_refused(tmp_path, tables, spoil):
+    path = tmp_path / "heard.csv"
+    tables["room", 1].to_csv(path)
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    at = [head.split(",").index(name) for name in ("step", "time_s")]
+    first = next(row[at[1]] for row in cells if row[at[0]] == "3")
+    if spoil == "time":
+        for row in cells:
+            row[at[1]] = first if row[at[0]] == "4" else row[at[1]]
+    else:
+        cells += [row for row in cells if row[at[0]] == "3"]
+    path.write_text("\n".join([head, *(",".join(row) for row in cells)]))
+    lines = describe(path, SCENES["room"])
+    assert lines[-1].startswith("refused: ")
+    assert not any("fit the scene" in line for line in lines)
 
 
 def test_same_lines_from_every_format(tmp_path, tables):

@@ -8,10 +8,12 @@ import pytest
 from signal_samples import C, sampled_scene
 
 import gridslam as gs
+from gridslam.checks.signal_directions import _wrapped_degrees
 from gridslam.checks.signal_files import describe_signal
 from gridslam.errors import InputError
 from gridslam.io.hdf5_guard import seal
 from gridslam.measurements.signal_hdf5 import write_signal
+from gridslam.world.geometry import wrap
 
 SQUARE = {"rows": 2, "columns": 2, "spacing_wavelengths": 0.4}
 WALL = {"material": "concrete", "points_m": [[-6.0, 6.0], [6.0, 6.0]]}
@@ -99,6 +101,10 @@ FAULTS = {
     "half of one": ({"anchor_element_m": lambda q: 0.5 * q}, "element_m of the anchors: half as far apart"),
     "exchanged": ({"samples": lambda z: z[:, ::-1]}, "A and B are exchanged"),
     "degrees": ({"heading_rad": np.degrees}, "heading_rad.*degrees"),
+    "wrapped degrees": (
+        {"heading_rad": lambda h: np.full_like(h, wrap(30.0))},  # as Recording.from_arrays keeps 30 degrees
+        "heading_rad: degrees, not radians",
+    ),
     "heading": ({"heading_rad": np.negative}, "heading_rad: the opposite sign"),
     "north": ({"heading_rad": lambda h: np.pi / 2 - h + 0.7}, "heading_rad: another frame"),
 }
@@ -111,6 +117,14 @@ def test_what_arrays_tell_is_named(tmp_path, fault):
     found = suspects(path)
     assert found
     assert any(re.search(says, line) for line in found), found
+
+
+def test_wrapped_degrees_are_told_from_headings_of_another_frame():
+    true = np.linspace(0.1, 1.3, 60)
+    off = np.random.default_rng(2).normal(scale=np.radians(0.7), size=60)
+    assert _wrapped_degrees(wrap(np.degrees(true + off)), true)
+    for other in (true + 0.5, -true, true + off + 0.2, np.zeros(60), wrap(np.pi / 2 - true)):
+        assert not _wrapped_degrees(other, true)
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -1,6 +1,7 @@
 """Tables of angles alone: `check` and `run` refuse them in the same words, and nothing is left of the run."""
 
 import csv
+import re
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,28 @@ def test_a_table_without_distances_is_refused_in_one_line(bare, tmp_path, words)
     found = "distance_m: found a distance in no row; allowed: distances: nothing can be mapped without"
     assert (told.code, told.complaints) == (2, [f"error: bare.csv: {found}"])
     assert listing(tmp_path) == ["bare.csv", "heard.csv", "tiny.toml"]
+
+
+@pytest.mark.parametrize("method", ["grid", "network"])
+def test_a_table_with_no_distance_that_the_radio_measures_is_refused_in_one_line(bare, tmp_path, method):
+    """Distances times 1e9, as delays in ns give: it was a traceback, "Singular matrix"."""
+    with open("heard.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    with open("far.csv", "w", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]))
+        table.writeheader()
+        table.writerows(row | {"distance_m": repr(1e9 * float(row["distance_m"]))} for row in rows)
+    told = bare(
+        "run", "tiny.toml", "--measurements", "far.csv", "--method", method, "--agent", "agent1", "-o", "out"
+    )
+    (line,) = told.complaints
+    assert told.code == 2
+    assert re.search(
+        r"far.csv: distance_m: found \S+ to \S+e\+\d+ m; allowed: up to radio.max_distance_m", line
+    )
+    scene, heard = gs.Scene.load("tiny.toml"), gs.Measurements.load("far.csv")
+    with pytest.raises(gs.InputError, match=r"distance_m: found .* allowed: up to radio.max_distance_m"):
+        gs.map_scene(scene, heard, agent="agent1")
 
 
 def test_a_table_of_several_agents_without_distances_is_refused_by_check(bare):

@@ -149,17 +149,47 @@ def test_weak_paths_are_left_out_and_the_carrier_sets_the_gain():
 
 @pytest.mark.parametrize("users", [None, np.arange(STEPS)[::-1]])
 def test_deepmimo_arrays_give_the_geometry_back(users):
-    table = world(exact())
-    names = {"aod_az": "phi_t", "aoa_az": "phi_r", "aod_el": "theta_t", "aoa_el": "theta_r"}
-    sets = []
-    for anchor in range(2):
-        rows = slice(None) if users is None else users
-        arrays = {new: np.degrees(table[old][rows, anchor]) for new, old in names.items()}
-        arrays |= {"delay": table["tau"][rows, anchor], "power": 20 * np.log10(table["gain"][rows, anchor])}
-        sets.append(arrays)
+    rows = slice(None) if users is None else users
+    sets = [{name: values[rows] for name, values in one.items()} for one in deepmimo()]
     close(gs.from_deepmimo(sets, ROOM, HEADING, users=users, **LEAST), exact())
     flat = [{k: v for k, v in s.items() if not k.endswith("_el")} for s in sets]
     close(gs.from_deepmimo(flat, ROOM, HEADING, users=users, **LEAST), exact())
+
+
+def deepmimo():
+    """The room's paths as DeepMIMO has them, one dictionary per anchor."""
+    table = world(exact())
+    names = {"aod_az": "phi_t", "aoa_az": "phi_r", "aod_el": "theta_t", "aoa_el": "theta_r"}
+    return [
+        {new: np.degrees(table[old][:, anchor]) for new, old in names.items()}
+        | {"delay": table["tau"][:, anchor], "power": 20 * np.log10(table["gain"][:, anchor])}
+        for anchor in range(2)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("names", "change", "told"),
+    [
+        (["delay"], lambda x: 1e9 * x, r"delay: found [\d.]+ in the median; allowed: seconds"),
+        (["delay"], lambda x: 1e6 * x, r"delay: found [\d.]+ in the median; allowed: seconds"),
+        (["aod_az", "aoa_az"], np.radians, "aod_az, aoa_az: found none beyond .*; allowed: degrees"),
+        (["aod_el", "aoa_el"], np.radians, "aod_el, aoa_el: found none beyond .*; allowed: degrees"),
+    ],
+)
+def test_deepmimo_arrays_of_other_units_are_refused(names, change, told):
+    """They were mapped, metres off."""
+    sets = [one | {name: change(one[name]) for name in names} for one in deepmimo()]
+    with pytest.raises(InputError, match=told):
+        gs.from_deepmimo(sets, ROOM, HEADING, **LEAST)
+
+
+def test_what_is_missing_of_deepmimo_is_told_without_what_may_be():
+    first, second = deepmimo()
+    del second["power"]
+    with pytest.raises(InputError) as told:
+        gs.from_deepmimo([first, second], ROOM, HEADING)
+    allowed = "all of delay, aod_az, aoa_az, power (aod_el and aoa_el may be left out)"
+    assert f"datasets[1].power: found none; allowed: {allowed}" in str(told.value)
 
 
 def test_deepmimo_paths_over_floor_and_ceiling_are_kept_where_the_scene_has_them():

@@ -91,6 +91,22 @@ def test_tables_add_up(scene, tmp_path):
     assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
 
 
+def test_a_method_without_paths_or_surfaces_is_left_out_of_their_figures(scene, tmp_path):
+    """It was drawn as one with 0 paths, and stood in the surfaces' legend without a line."""
+    outcome = run_study(plan(scene, 2, agents=("agent1",), methods=("grid", "va")), tmp_path / "s", Here())
+    whole, bare = batches(outcome)
+    for name in ("rays", "ray_belief"):
+        bare.steps[name][:] = 0
+    for record in bare.records:
+        record["agents"]["agent1"]["scores"]["surfaces_detected"] = None
+    for draw in (draw_rays, draw_surfaces):
+        figure = draw([whole, bare])
+        labels = {line.get_label() for axes in figure.axes for line in axes.lines}
+        assert any(label.startswith("grid") for label in labels), draw
+        assert not any(label.startswith("va") for label in labels), draw
+    assert draw_rays([bare]) is None
+
+
 def test_heading_that_nothing_tells_of_is_left_out_as_in_runs(scene, tmp_path):
     whole = scene.model_dump(exclude_none=True)
     blind = Scene.checked(whole | {"radio": whole["radio"] | {"measures": ["distance", "aod"]}}, "blind")

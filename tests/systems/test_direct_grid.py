@@ -126,6 +126,40 @@ def test_a_checkpoint_whose_noise_cannot_be_is_refused(ran, tmp_path, monkeypatc
         gs.DirectGridSlam.resume(tmp_path / "a.h5")
 
 
+def headed(recording, off=0.0, std=0.0):
+    """The same recording with headings, and by how much they are off (rad)."""
+    waveform = replace(recording.waveform, heading_std_rad=std)
+    return replace(recording, waveform=waveform, heading_rad=recording.truth.heading_rad + off)
+
+
+@pytest.mark.slow
+def test_a_measured_heading_is_used(scene, recording, ran):
+    """One anchor tells no turn of the whole world: the heading does, where there is one."""
+    alone = {"heard": np.array([True, False])}
+    told = headed(recording)
+    one, other = (gs.DirectGridSlam(scene, waveform=told.waveform) for _ in range(2))
+    for number in range(12):
+        scan = replace(told.scan(number), **alone)
+        with_it, without = one.step(scan), other.step(replace(scan, heading_rad=None))
+    off = [
+        float(np.angle(np.exp(1j * (e.heading_rad - recording.truth.heading_rad[11]))))
+        for e in (with_it, without)
+    ]
+    assert abs(off[0]) < 0.003 < abs(off[1])
+    assert np.sqrt(with_it.covariance[4, 4]) < 0.0015 < 0.1 * np.sqrt(without.covariance[4, 4])
+    assert with_it.health.ok
+    assert with_it.covariance[:2, :2].trace() < 0.9 * without.covariance[:2, :2].trace()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("std", [0.0, np.radians(2)])
+def test_a_heading_that_arrays_contradict_is_not_believed_unsaid(scene, recording, std):
+    told = headed(recording, 0.5, std)
+    slam = gs.DirectGridSlam(scene, waveform=told.waveform)
+    said = [slam.step(told.scan(number)).health.why for number in range(20)]
+    assert sum("innovations" in why for why in said) >= 15
+
+
 def test_an_anchor_that_is_not_heard_is_left_out(scene, recording):
     slam = gs.DirectGridSlam(scene, waveform=recording.waveform)
     for number in range(8):

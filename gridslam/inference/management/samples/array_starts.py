@@ -23,6 +23,7 @@ from gridslam.inference.messages.samples.array_births import peaks_of
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.inference.messages.samples.array_paths import start_noise
 from gridslam.inference.messages.samples.array_search import find_paths
+from gridslam.inference.messages.samples.measured_heading import measure_heading
 from gridslam.inference.messages.samples.state_mode import PathsPrior
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays
@@ -36,6 +37,8 @@ PURPOSE = 6
 """Names the stream of random numbers that a search takes."""
 EVERY = 5
 """Once patience is over, each so many scans are searched, as it takes its time."""
+ARRIVING_RAD = 0.05
+"""Deviation that a measured heading has in the search at least: arrivals put poses no nearer."""
 
 
 def begun(state: State) -> Population[State]:
@@ -67,7 +70,8 @@ def _found(prior: State, scan: SignalScan, model: SignalModel, work: Workspace) 
         _terms(prior, anchor, scan, model, work) for anchor in np.flatnonzero(scan.heard).tolist()
     ))  # fmt: skip
     stream = [work.seed, prior.step, PURPOSE]
-    modes = find_modes(snapshot, prior.belief, model.grid, CAP, stream)
+    told = measure_heading(prior, scan, model, ARRIVING_RAD)
+    modes = find_modes(snapshot, told.belief, model.grid, CAP, stream)
     if not is_clear(modes):
         return None
     return branches_of(prior, modes, float(model.start_variance[2]))[0]
