@@ -23,7 +23,7 @@ from gridslam.world.scene import Scene
 ARRAYS = ("delay", "aod_az", "aoa_az", "aod_el", "aoa_el", "power")
 NEEDED = tuple(name for name in ARRAYS if not name.endswith("_el"))
 LONGEST_S, SMALL, FEW = 1e-3, 4 * np.pi, 10
-"""Delay (300 km) beyond which they aren't in seconds; two turns, within which all angles are that are radians,
+"""Delay (300 km) beyond which they aren't in seconds; two turns, within which all angles in radians are,
 wrapped or not; paths below which angles may all be small by chance."""
 
 
