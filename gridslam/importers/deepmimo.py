@@ -23,8 +23,8 @@ from gridslam.world.scene import Scene
 ARRAYS = ("delay", "aod_az", "aoa_az", "aod_el", "aoa_el", "power")
 NEEDED = tuple(name for name in ARRAYS if not name.endswith("_el"))
 LONGEST_S, SMALL, FEW = 1e-3, 4 * np.pi, 10
-"""Delay (300 km) beyond which they aren't in seconds; two turns, within which all angles in radians are,
-wrapped or not; paths below which angles may all be small by chance."""
+"""Delay (300 km) beyond which delays aren't in seconds; two turns, within which angles are that are radians,
+wrapped or not; paths below which all angles may be small by chance."""
 
 
 def measurements_from_deepmimo(
