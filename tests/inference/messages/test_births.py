@@ -202,7 +202,7 @@ def test_a_new_surface_joins_the_belief_as_in_its_twin(seed, surfaces, unknown):
     np.testing.assert_allclose(
         covariance / np.outer(scale, scale), wanted[1] / np.outer(scale, scale), atol=0.01
     )
-    np.testing.assert_array_equal(covariance, covariance.T)
+    np.testing.assert_allclose(covariance, covariance.T, rtol=1e-13, atol=1e-15)  # processors round apart
     np.testing.assert_allclose(reflection, wanted[2], rtol=1e-5, atol=1e-9)
     assert misfit[0] == pytest.approx(wanted[3], rel=0.02, abs=0.02)
 
