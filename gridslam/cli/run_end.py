@@ -237,7 +237,6 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
         "steps",
         "position\nRMSE cm",
         "bound\ncm",
-        "NEES\nmedian",
         "heading\nRMSE deg",
         "bound\ndeg",
     )

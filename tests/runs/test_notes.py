@@ -78,6 +78,9 @@ def test_weighty_notes_come_first_and_all_are_kept():
 def test_errors_of_a_lost_agent_leave_the_table_its_width():
     _, done = done_of(0.1)
     wide = dict(done.scores[0], position_rmse_m=4321.0, position_bound_m=None, heading_rmse_deg=178.4567)
+    titles = [column.header for column in _table(done.runs, [wide]).columns]
+    assert titles.count("NEES\nmedian") == 1
+    assert titles[4].startswith("heading")
     position, heading = (next(iter(_table(done.runs, [wide]).columns[n].cells)) for n in (2, 4))
     assert (position, heading) == ("432100", "178")
     blind = dict(wide, position_rmse_m=None, position_std_m=0.0123)
