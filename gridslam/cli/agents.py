@@ -60,12 +60,16 @@ def agents_of(world: Scene, chosen: list[str] | None, files: Mapping[str | None,
         raise InputError("--agent", ", ".join(names), "each agent once")
     for name in names:
         world.agent(name)
-        if not measurements and not world.walls:
-            raise InputError(
-                f"{world.name}: walls",
-                "none",
-                "walls to simulate from, or --measurements FILE (--signal FILE)",
-            )
         if not measurements:
             world.track(name)
     return names
+
+
+def free_space_note(world: Scene) -> str | None:
+    """What to say before a simulation in a scene without walls, which may be one of recorded measurements."""
+    if world.walls:
+        return None
+    return (
+        f"{world.name} has no walls: simulated in free space (what was recorded there: --measurements FILE "
+        "or --signal FILE)"
+    )

@@ -36,6 +36,7 @@ class RunOptions:
     particles: Annotated[int | None, typer.Option(min=1, help="instead of the scene's filter.particles")] = (
         None
     )
+    steps: Annotated[int | None, typer.Option(min=1, help="the first steps of each agent alone")] = None
     seed: Annotated[int, typer.Option(min=0)] = 0
     measurements: Annotated[
         Path | None,

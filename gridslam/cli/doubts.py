@@ -139,11 +139,13 @@ def silence_notes(
     observations: Sequence[Observations],
     file: Path | None,
 ) -> list[str]:
-    """Which anchors an earlier map says are in sight, and aren't heard."""
+    """Where nothing was heard for long; which anchors an earlier map says are in sight, and aren't heard."""
     from gridslam.checks.silent_sights import silent_sights
     from gridslam.measurements.table import Measurements
+    from gridslam.runs.notes import silence_note
 
-    notes = []
+    long = [silence_note(run.agent, run.unheard, len(run.estimates)) for run in runs]
+    notes = [note for note in long if note]
     for run, heard in zip(runs, observations, strict=True):
         if earlier is None or not isinstance(heard, Measurements):
             continue

@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from gridslam.cli import bench, files, scene, signals
-from gridslam.cli.agents import agents_of
+from gridslam.cli.agents import agents_of, free_space_note
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, scene_names
 from gridslam.cli.options import Commands, flag, unpacked
 from gridslam.cli.robustness import robustness
@@ -62,6 +62,8 @@ def simulate(
     world = Scene.load(scene)
     with renamed(world.name, scene):
         names = agents_of(world, agent or [a.name for a in world.agents[:1]], {})
+        if note := free_space_note(world):
+            err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
         refuse_taken([output], overwrite)
         if signal:
             if len(names) > 1 or unlabelled:

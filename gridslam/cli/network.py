@@ -43,8 +43,9 @@ def run_network(asked: Asked) -> None:
         found = f"{asked.signal[0]}, with method {asked.method!r}, which takes path measurements"
         raise InputError("--signal", found, "--measurements FILE")
     how = asked.start_how(file)
-    if file is None and not world.walls:
-        raise InputError(f"{world.name}: walls", "none", "walls to simulate from, or --measurements FILE")
+    if file is not None and asked.steps is not None:
+        found = f"{asked.steps}, with a table of agents that are taken at once"
+        raise InputError("--steps", found, "none: a table of fewer steps instead")
     if file is None and asked.truth:
         raise InputError("--truth", asked.truth[0], "only together with --measurements")
     with (

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SETTLED = {
     "scene": "SCENE", "agent": "--agent", "method": "--method", "particles": "--particles", "seed": "--seed",
     "measurements": "--measurements", "signal": "--signal", "truth": "--truth", "map_file": "--map",
-    "same_frame": "--same-frame", "start": "--start", "device": "--device",
+    "steps": "--steps", "same_frame": "--same-frame", "start": "--start", "device": "--device",
 }  # fmt: skip
 """Options on which the result depends, by the names of their parameters: as they were, or left out."""
 FREE = ("threads", "checkpoint", "overwrite")

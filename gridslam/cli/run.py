@@ -45,6 +45,7 @@ err = Console(stderr=True)
 
 def run(context: typer.Context, options: RunOptions) -> None:
     """Run SLAM: map a scene with its agents, each from the map that the one before it left."""
+    from gridslam.measurements.first_steps import first_of_scene
     from gridslam.world.scene import Scene
 
     if options.resume is not None:
@@ -56,6 +57,8 @@ def run(context: typer.Context, options: RunOptions) -> None:
     with renamed(world.name, options.scene):
         if options.particles is not None:
             world = world.with_filter(particles=options.particles)
+        if options.steps is not None:
+            world = first_of_scene(world, options.steps)
         asked = Asked.of(context, options, world)
         if asked.method in METHODS and METHODS[asked.method].several:
             run_network(asked)
@@ -68,6 +71,7 @@ def _run_in_turn(asked: Asked) -> None:
     from gridslam import runtime
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
+    from gridslam.measurements.first_steps import first_heard
     from gridslam.runs.stopping import held_back
 
     world, method = asked.world, asked.method
@@ -94,7 +98,11 @@ def _run_in_turn(asked: Asked) -> None:
                 name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name], shared)
                 for name in names
             }
-        known = {name: own for name, own in every.items() if own is not None}
+        known = {
+            name: own if asked.steps is None else first_heard(own, asked.steps)
+            for name, own in every.items()
+            if own is not None
+        }
         refuse_without_distances(world, method, [(by_name[name], own) for name, own in known.items()])
         prior = Map.load(asked.map_file) if asked.map_file else None
         given, note = (
@@ -122,7 +130,7 @@ def _run_in_turn(asked: Asked) -> None:
             if file is not None:
                 notes.append(lambda: fit_notes(world, runs, observations, file, asked.scene))
             scores, said, lacks = judged(
-                lambda: _scores(world, runs, observations, given),
+                lambda: _scores(world, runs, observations, given, file is None),
                 lambda: [one.score() for one in runs],
                 notes,
             )
@@ -276,16 +284,19 @@ def _height_notes(runs: list[Run]) -> list[str]:
 
 
 def _scores(
-    world: Scene, runs: list[Run], observations: list[Observations], given: Map | None
+    world: Scene, runs: list[Run], observations: list[Observations], given: Map | None, simulated: bool
 ) -> list[dict[str, Any]]:
-    """Score each run against its own track and the walls that any agent so far could hear of."""
+    """Score each run against its own track and the walls that any agent so far could hear of.
+
+    What was simulated in a scene without walls knows that there are none.
+    """
     from gridslam.evaluation.ground_truth import inherited_truth, truth_of
     from gridslam.simulation.image_source import Truth
 
     earlier = inherited_truth(world, given) if given is not None else []
     scores = []
     for done, observed in zip(runs, observations, strict=True):
-        truth = truth_of(world, done.agent, observed.truth)
+        truth = truth_of(world, done.agent, observed.truth, simulated)
         scores.append(done.score(truth, earlier))
         if isinstance(truth, Truth):
             earlier = [*earlier, truth.first(len(done.estimates))]

@@ -75,14 +75,18 @@ class Done:
     @property
     def weighty(self) -> list[str]:
         """Who was lost, and what is suspected of the measurements: what else is said follows from these."""
-        from gridslam.runs.notes import lost_note
+        from gridslam.runs.notes import lost_note, unsaid_note
 
         lost = [
             lost_note(run.agent, run.trajectory, observed.truth, run.estimates)
             for run, observed, score in zip(self.runs, self.observations, self.scores, strict=True)
             if score.get("diverged")
         ]
-        return [*filter(None, lost), *(note for note in self.notes if SUSPECT in note)]
+        unsaid = [
+            unsaid_note(run.agent, score, run.method)
+            for run, score in zip(self.runs, self.scores, strict=True)
+        ]
+        return [*filter(None, (*lost, *unsaid)), *(note for note in self.notes if SUSPECT in note)]
 
     @property
     def other(self) -> list[str]:
@@ -228,8 +232,22 @@ def _say(line: str) -> None:
 def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
     """One line per agent; units in the titles."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    titles = "agent", "steps", "position\nRMSE cm", "bound\ncm", "heading\nRMSE deg", "bound\ndeg"
-    for title in (*titles, "surfaces\nfound true false", "map\nprec.", "map\nrecall", "s/step"):
+    titles = (
+        "agent",
+        "steps",
+        "position\nRMSE cm",
+        "bound\ncm",
+        "heading\nRMSE deg",
+        "bound\ndeg",
+    )
+    for title in (
+        *titles,
+        "NEES\nmedian",
+        "surfaces\nfound true false",
+        "map\nprec.",
+        "map\nrecall",
+        "s/step",
+    ):
         table.add_column(title, justify="left" if title == "agent" else "right", no_wrap=True)
 
     def number(value: float | None, form: str, scale: float = 1, own: float | None = None) -> str:
@@ -252,6 +270,7 @@ def _table(runs: list[Run], scores: list[dict[str, Any]]) -> Table:
             number(score["position_bound_m"], ".2f", 100),
             number(score["heading_rmse_deg"], ".2f", 1, score["heading_std_deg"]),
             number(score["heading_bound_deg"], ".2f"),
+            number(score["position_median_nees"], ".2f"),
             f"{found}{of}",
             number(score["map"]["occupied_precision"], ".1%"),
             number(score["map"]["occupied_recall"], ".1%"),

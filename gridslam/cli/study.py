@@ -155,16 +155,17 @@ def _run(plan: Study, output: Path, where: Workers, overwrite: bool) -> Outcome:
             sys.exit(130)  # said already
 
 
-def _beside(error: float, unit: str, ratio: float) -> str:
-    """An error, with its ratio to the bound where there is one."""
+def _beside(error: float, spread: float, ratio: float) -> str:
+    """An error, with its standard error and its ratio to the bound where there are any."""
     if math.isnan(error):
         return "-"
-    return f"{error:.2f} {unit}" + ("" if math.isnan(ratio) else f", {ratio:.2f}x")
+    either = "" if math.isnan(spread) else f"+-{spread:.2f}"
+    return f"{error:.2f}{either}" + ("" if math.isnan(ratio) else f", {ratio:.2f}x")
 
 
 def _metres(value: float) -> str:
     """A length in m; a dash for none, as of surfaces where a method maps none."""
-    return "-" if math.isnan(value) else f"{value:.3f} m"
+    return "-" if math.isnan(value) else f"{value:.3f}"
 
 
 def _named(column: str, value: Any) -> str:
@@ -175,7 +176,8 @@ def _named(column: str, value: Any) -> str:
 def _table(rows: list[dict[str, Any]]) -> None:
     table = Table(box=None)
     table.add_column("")
-    for title in ("runs", "diverged", "position", "heading", "MOSPA", "VAs", "NEES", "silent", "paths"):
+    lengths = ("position, cm", "heading, deg", "MOSPA, m", "VAs, m")
+    for title in ("runs", "diverged", *lengths, "NEES", "silent", "paths"):
         table.add_column(title, justify="right", no_wrap=True)
     names = list(rows[0])
     for row in rows:
@@ -183,8 +185,16 @@ def _table(rows: list[dict[str, Any]]) -> None:
             ", ".join(_named(name, row[name]) for name in names[: names.index("runs")] if name in row),
             str(row["runs"]),
             str(row["diverged"]),
-            _beside(100 * row["position_settled_rmse_m"], "cm", row["position_to_unknown_map_bound"]),
-            _beside(row["heading_settled_rmse_deg"], "deg", row["heading_to_unknown_map_bound"]),
+            _beside(
+                100 * row["position_settled_rmse_m"],
+                100 * row["position_settled_standard_error_m"],
+                row["position_to_unknown_map_bound"],
+            ),
+            _beside(
+                row["heading_settled_rmse_deg"],
+                row["heading_settled_standard_error_deg"],
+                row["heading_to_unknown_map_bound"],
+            ),
             _metres(row["surface_ospa_m"]),
             _metres(row["image_ospa_m"]),
             f"{row['nees_in_band']:.0%}",
@@ -193,10 +203,12 @@ def _table(rows: list[dict[str, Any]]) -> None:
         )
     print_whole(table)
     note = (
-        "after step 50 (of shorter runs the second half); x: times the bound of an unknown map; MOSPA: of "
-        "the surfaces at the end; VAs: of the paths' virtual anchors; NEES: share of all steps in its 95 % "
-        "band; silent: steps, of all runs, at which the position is off by over 4 claimed deviations while "
-        "health is well; paths: detected minus true"
+        "from step 50 on (of shorter runs the second half); +-: standard error over seeds (of differences "
+        "on the same seeds: summary.csv); x: times the bound of an unknown map, of the mean over ways as "
+        "rough as the filter assumes: on a smoother one 0.95 may be; MOSPA: of the surfaces at the end; VAs: "
+        "of the paths' virtual anchors; NEES: share of all steps in its 95 % band; silent: steps, of all "
+        "runs, at which the position is off by over 4 claimed deviations while health is well; paths: "
+        "detected minus true"
     )
     out.print(note, highlight=False, soft_wrap=True)
 

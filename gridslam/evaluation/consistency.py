@@ -190,8 +190,13 @@ def silent_steps(estimates: Sequence[Estimate], steps: Steps) -> int:
 
     The deviation is the root of the trace of the position's covariance, as `Steps.position_claimed_m`.
     """
+    return wrong_and_well(estimates, steps.position_error_m, steps.position_claimed_m)
+
+
+def wrong_and_well(estimates: Sequence[Estimate], error_m: Array, claimed_m: Array) -> int:
+    """The same of errors and claimed deviations of the position, (N,) each, m."""
     well = np.array([one.health.ok for one in estimates], bool)
-    return int((well & (steps.position_error_m > SILENT * steps.position_claimed_m)).sum())
+    return int((well & (error_m > SILENT * claimed_m)).sum())
 
 
 def virtual_anchors(

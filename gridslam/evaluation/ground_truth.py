@@ -16,7 +16,7 @@ from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
-from gridslam.simulation.image_source import Truth, ground_truth
+from gridslam.simulation.image_source import TruePaths, Truth, ground_truth
 from gridslam.wording import counted
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
@@ -24,6 +24,8 @@ from gridslam.world.trajectory import Trajectory
 
 SAME_WAY_M = 1e-6
 """Deviation up to which a recorded track is the scene's own, written to a file and read again."""
+EXPECTED = 3.0
+"""Detections to be expected at a step from which on hearing nothing is silence: by chance 1 in 20 at most."""
 
 
 Known = TypeVar("Known", Measurements, Recording)
@@ -64,9 +66,18 @@ def with_truth(observations: Known, track: Trajectory | None, where: str) -> Kno
     )
 
 
-def truth_of(scene: Scene, agent: str, track: Trajectory | None) -> Truth | Trajectory | None:
-    """What is known of an agent's way: with the paths where the scene has walls, else the track alone."""
-    return track if track is None or not scene.walls else ground_truth(scene, agent, track)
+def truth_of(
+    scene: Scene, agent: str, track: Trajectory | None, simulated: bool = False
+) -> Truth | Trajectory | None:
+    """What is known of an agent's way: with the paths where the scene has walls, else the track alone.
+
+    Parameters
+    ----------
+    simulated : bool
+        Whether what was heard was simulated in this scene, so that there are no walls where it has none.
+    """
+    known = track is not None and (bool(scene.walls) or simulated)
+    return ground_truth(scene, agent, track) if known else track
 
 
 def require_same_world(scene: Scene, agent: str, times_s: Array, truth: Truth) -> None:
@@ -183,8 +194,25 @@ def walls_tell_all(scene: Scene, takes: Kind) -> bool:
     return takes == "paths" or not scene.scatterers
 
 
+def heard_paths(scene: Scene, agent: str, paths: TruePaths, unheard: Sequence[int]) -> TruePaths:
+    """True paths but for those of steps at which nothing was heard though something had to be.
+
+    That is where `EXPECTED` detections or more were to be expected: of faint paths, silence is what their
+    detection probabilities price in already.
+    """
+    chance = scene.signal_model(agent).detection_probability(paths.amplitude)
+    size = max(paths.step.max(initial=0), *unheard, 0) + 1
+    expected = np.bincount(paths.step, chance, int(size))
+    silent = [step for step in unheard if expected[step] >= EXPECTED]
+    return paths.take(~np.isin(paths.step, silent)) if silent else paths
+
+
 def known_bound(
-    scene: Scene, agent: str, truth: Truth | Trajectory | None, takes: Kind = "paths"
+    scene: Scene,
+    agent: str,
+    truth: Truth | Trajectory | None,
+    takes: Kind = "paths",
+    unheard: Sequence[int] = (),
 ) -> Bound | None:
     """Known-map bound, where the walls are known and the agent went the scene's own way; else None.
 
@@ -192,14 +220,16 @@ def known_bound(
     ----------
     takes : "paths" or "signal"
         What the method was handed. Of sampled signals, the bound prices overlap in.
+    unheard : sequence of int
+        Steps at which nothing was heard, see `heard_paths`.
     """
     if not isinstance(truth, Truth) or not _goes(scene, agent, truth.trajectory):
         return None
     if not walls_tell_all(scene, takes):
         return None
-    went = truth.trajectory
+    went, paths = truth.trajectory, heard_paths(scene, agent, truth.paths, unheard)
     if takes == "signal":
         single = has_single_antennas(scene, agent)
         bound = scene_signal_bound if single else array_bound
-        return bound(scene, agent, True, truth.paths, went)
-    return known_map_bound(scene, agent, truth.paths)
+        return bound(scene, agent, True, paths, went)
+    return known_map_bound(scene, agent, paths)

@@ -140,10 +140,20 @@ def map_scene(
             peak_memory_mb=done.peak_memory_mb,
             began=began,
             interrupted=len(estimates) < len(measurements),
+            unheard=_unheard(measurements, len(estimates)),
         )
     if asked.is_set():
         raise StoppedLate(run)
     return run
+
+
+def _unheard(measurements: Observations, steps: int) -> tuple[int, ...]:
+    """Steps, of so many, at which nothing was heard."""
+    if isinstance(measurements, Recording):
+        silent = ~measurements.heard[:steps].any(1)
+    else:
+        silent = np.bincount(measurements.step, minlength=steps)[:steps] == 0
+    return tuple(np.flatnonzero(silent).tolist())
 
 
 def believed_track(estimates: Sequence[Estimate], height_m: float | None = None) -> Trajectory:

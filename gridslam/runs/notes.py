@@ -9,6 +9,7 @@ import numpy as np
 
 from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import DIVERGED_M, SETTLED_STEP, diverged, track_errors
+from gridslam.systems.registry import METHODS
 from gridslam.world.trajectory import Trajectory
 
 LAST = 10
@@ -58,3 +59,42 @@ def health_notes(agent: str, score: Mapping[str, Any]) -> list[str]:
     """
     why, steps = (score.get("health") or {}).get("why") or {}, score.get("steps", "?")
     return [f"{agent}: {reason} (at {number} of {steps} steps)" for reason, number in why.items()]
+
+
+def silence_note(agent: str, unheard: Sequence[int], steps: int) -> str | None:
+    """When nothing was heard for a while; None of a silence shorter than `LAST`.
+
+    Parameters
+    ----------
+    agent : str
+    unheard : sequence of int
+        Steps at which nothing was heard.
+    steps : int
+        How many there are.
+    """
+    gone = np.asarray(unheard, int)
+    longest = max(np.split(gone, np.flatnonzero(np.diff(gone) > 1) + 1), key=len)
+    if len(longest) < LAST:
+        return None
+    where = f"from step {longest[0]} to {longest[-1]}"
+    return f"{agent}: nothing was heard at {len(gone)} of {steps} steps, the longest time {where}"
+
+
+def unsaid_note(agent: str, score: Mapping[str, Any], method: str) -> str | None:
+    """That a filter was wrong by its own measure without a word of it, by the true track.
+
+    Parameters
+    ----------
+    agent : str
+    score : mapping
+        The agent's part of ``run.json``.
+    method : str
+        Its name: some published ones have no health that could say so.
+    """
+    silent, steps = score.get("silent_steps"), score.get("steps", "?")
+    if not silent or score.get("position_nees") is None:  # it claims nothing
+        return None
+    why = "while its health is well"
+    if method in METHODS and not METHODS[method].has_health:
+        why = f"and {method}, kept as published, has no health that could say so"
+    return f"{agent}: off by over 4 of its own deviations at {silent} of {steps} steps, {why}"

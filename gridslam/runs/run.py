@@ -52,6 +52,8 @@ class Run:
         Whether it was stopped before the last measurement.
     began : Start
         The start that the filter assumed.
+    unheard : tuple of int
+        Steps at which nothing was heard at all.
     """
 
     scene: Scene
@@ -68,6 +70,7 @@ class Run:
     peak_memory_mb: float
     began: Start
     interrupted: bool = False
+    unheard: tuple[int, ...] = ()
 
     @property
     def start(self) -> str:
@@ -147,7 +150,8 @@ class Run:
         Notes
         -----
         A run that ended early is judged against the steps it did. The bounds are the root mean squares over
-        the run of `gridslam.evaluation.bounds.known_map_bound`.
+        the run of `gridslam.evaluation.bounds.known_map_bound`; silence counts as such
+        (`gridslam.evaluation.ground_truth.heard_paths`).
 
         Raises
         ------
@@ -155,7 +159,7 @@ class Run:
             The truth, or one of the earlier ones, is none or that of another scene; or the track doesn't
             cover the run.
         """
-        from gridslam.evaluation.consistency import complaints, nees
+        from gridslam.evaluation.consistency import complaints, nees, wrong_and_well
         from gridslam.evaluation.ground_truth import known_bound, tells_heading
         from gridslam.evaluation.metrics import (
             diverged,
@@ -194,7 +198,10 @@ class Run:
             scores["coefficients"] = self._coefficients(isinstance(truth, Truth))
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
-            squared = float(nees(position, self.covariance[:, :2, :2]).mean())
+            claimed = self.covariance[:, :2, :2]
+            each = nees(position, claimed)
+            squared, middle = float(each.mean()), float(np.median(each))
+            length, own = np.linalg.norm(position, axis=1), np.sqrt(np.trace(claimed, axis1=1, axis2=2))
             scores |= {
                 "position_rmse_m": rmse(position),
                 "position_p95_m": p95(position),
@@ -202,9 +209,11 @@ class Run:
                 "final_position_error_m": float(np.linalg.norm(position[-1])),
                 "diverged": diverged(position),
                 "position_nees": squared if np.isfinite(squared) else None,  # of a deviation of 0
+                "position_median_nees": middle if np.isfinite(middle) else None,
+                "silent_steps": wrong_and_well(self.estimates, length, own),
             }
         takes = kind_of(self.method)
-        bound = known_bound(self.scene, self.agent, truth, takes)
+        bound = known_bound(self.scene, self.agent, truth, takes, self.unheard)
         if bound is not None:
             done = slice(len(self.trajectory))
             scores["position_bound_m"] = rmse(bound.position_m[done])
@@ -270,6 +279,8 @@ AGENT_KEYS = (
     "diverged",
     "position_std_m",
     "position_nees",
+    "position_median_nees",
+    "silent_steps",
     "heading_std_deg",
     "surfaces_detected",
     "features",

@@ -12,7 +12,7 @@ import numpy as np
 
 import gridslam
 from gridslam import runtime
-from gridslam.evaluation.consistency import follow, silent_steps
+from gridslam.evaluation.consistency import follow
 from gridslam.maps.map import Map
 from gridslam.runs.map_scene import map_scene
 from gridslam.runs.network_run import map_network, network_scores
@@ -151,7 +151,7 @@ def _plain(run: Run, scores: dict[str, Any], truth: Truth, earlier: Sequence[Tru
     steps = follow(run.estimates, run.scene, truth, earlier)
     return {
         "cost": {key: scores.pop(key) for key in COST},
-        "scores": scores | {"silent_steps": silent_steps(run.estimates, steps)},
+        "scores": scores,
         "steps": {f.name: _short(getattr(steps, f.name)) for f in fields(steps)},
     }
 

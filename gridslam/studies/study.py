@@ -66,8 +66,6 @@ class Study:
             if not values or len(set(values)) < len(values):
                 raise InputError(f"study: {what}", str(list(values)), "one or more, each once")
         for scene in self.scenes:
-            if not scene.walls:
-                raise InputError(f"{scene.name}: walls", "none", "walls to simulate from")
             for name in self._agents(scene):
                 scene.track(name)
         for variant, method in product(self.variants(), self.methods):

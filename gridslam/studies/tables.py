@@ -13,9 +13,12 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.io.files import write_bytes
 from gridslam.studies.batches import Batch
+from gridslam.studies.spread import NOTHING, Difference, difference, squares, standard_error
+from gridslam.studies.study import Variant
 
 SETTLED = 50
-"""Step after which the issue's, and the paper's, steady numbers are taken; halfway if a track is short."""
+"""First step of the issue's, and the paper's, steady numbers; halfway if a track is short."""
+PLACE = "position_error_m"
 
 
 def run_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
@@ -72,8 +75,10 @@ def step_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
 
 
 def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
-    """One row per method: the errors and their ratio to the bounds once settled (after step 50).
+    """One row per method: the errors and their ratio to the bounds once settled (from step 50 on).
 
+    ``..._standard_error_...``: over the seeds; ``position_less_first_m``: root mean square error minus
+    that of the first method of the same scene, settings and agent, on the same seeds, NaN of that method;
     ``nees_in_band``: share of all steps whose mean position NEES lies in the 95 % band;
     ``surface_ospa_m``, ``surface_gospa_m``: mean at the end; ``image_ospa_m``: OSPA of the virtual anchors,
     mean once settled; all are NaN for methods that map no surfaces;
@@ -81,12 +86,15 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
     are likelier detected than missed.
     """
     rows = []
+    first = dict[tuple[Variant, str], Batch]()
     for batch in found:
         mark, (low, high) = batch.benchmark, batch.band
         size = batch.steps["position_error_m"].shape[1]
         late = slice(min(SETTLED, size // 2), size)
         position, heading = batch.rmse("position_error_m")[late], batch.rmse("heading_error_rad")[late]
         nees, rays = batch.mean("position_nees"), batch.mean("rays")
+        one = first.setdefault((batch.variant, batch.agent), batch)
+        less = Difference(NOTHING, NOTHING) if one is batch else difference(batch, one, PLACE, late)
         excess = np.full(2, np.nan)  # of a method that tells no paths
         if batch.tells_paths:
             excess = np.array([(rays - m[:, :size])[:, late].mean() for m in (mark.rays, mark.likely_rays)])
@@ -98,10 +106,17 @@ def summary_rows(found: Iterable[Batch]) -> list[dict[str, Any]]:
                 "position_settled_rmse_m": _level(position),
                 "position_to_known_map_bound": _level(position) / _level(mark.known.position_m[late]),
                 "position_to_unknown_map_bound": _level(position) / _level(mark.unknown.position_m[late]),
+                "position_settled_standard_error_m": standard_error(squares(batch, PLACE, late)),
+                "position_less_first_m": less.value,
+                "position_less_first_standard_error_m": less.error,
                 "heading_settled_rmse_deg": float(np.degrees(_level(heading))),
                 "heading_to_known_map_bound": _level(heading) / _level(mark.known.heading_rad[late]),
                 "heading_to_unknown_map_bound": _level(heading) / _level(mark.unknown.heading_rad[late]),
+                "heading_settled_standard_error_deg": float(
+                    np.degrees(standard_error(squares(batch, "heading_error_rad", late)))
+                ),
                 "position_settled_nees": float(nees[late].mean()),
+                "position_settled_median_nees": float(np.median(batch.steps["position_nees"][:, late])),
                 "silent_steps": batch.silent_steps,
                 "nees_in_band": float(((low <= nees) & (nees <= high)).mean()),
                 "surface_ospa_m": batch.surface_ospa_m,

@@ -58,6 +58,8 @@ class Method:
         Whether the features of its map are learned: those of others are paths that no surface explains.
     antennas : "single antennas", "arrays" or "any"
         What received the signals that it takes.
+    has_health : bool
+        Whether it tells if it trusts itself.
     """
 
     name: str
@@ -73,6 +75,7 @@ class Method:
     maps: bool = True
     learns: bool = False
     antennas: Antennas = "any"
+    has_health: bool = True
 
 
 _ENTERED = (
@@ -104,6 +107,7 @@ _ENTERED = (
         "docs/model.md#8-virtual-anchors",
         takes_map=False,
         on_angles=True,
+        has_health=False,
     ),
     Method(
         "direct",
@@ -135,6 +139,7 @@ _ENTERED = (
         takes_map=False,
         takes="signal",
         antennas="single antennas",
+        has_health=False,
     ),
     Method(
         "network",
@@ -158,6 +163,7 @@ _ENTERED = (
         takes_map=False,
         several=True,
         on_angles=True,
+        has_health=False,
     ),
     Method(
         "hybrid",

@@ -25,6 +25,8 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "position_bound_m": ("position, known-map bound", lambda v: f"{100 * v:.2f} cm"),
     "position_std_m": ("position, own standard deviation", lambda v: f"{100 * v:.2f} cm"),
     "position_nees": ("position, squared error over own variance (2 is right)", "{:.2f}".format),
+    "position_median_nees": ("the same, median (1.39 is right)", "{:.2f}".format),
+    "silent_steps": ("steps off by over 4 claimed deviations while health is well", "{:.0f}".format),
     "position_p95_m": ("position, 95 %", lambda v: f"{100 * v:.2f} cm"),
     "final_position_error_m": ("position, at the end", lambda v: f"{100 * v:.2f} cm"),
     "heading_rmse_deg": ("heading, RMSE", "{:.2f} deg".format),

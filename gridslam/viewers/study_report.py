@@ -16,9 +16,13 @@ SCORES: dict[str, tuple[str, Callable[[float], str]]] = {
     "runs": ("runs", "{:.0f}".format),
     "diverged": ("diverged", "{:.0f}".format),
     "position_settled_rmse_m": ("position, RMSE", lambda v: f"{100 * v:.2f} cm"),
+    "position_settled_standard_error_m": ("its standard error over seeds", lambda v: f"{100 * v:.2f} cm"),
+    "position_less_first_m": ("RMSE minus the first method's, same seeds", lambda v: f"{100 * v:+.2f} cm"),
+    "position_less_first_standard_error_m": ("standard error of that", lambda v: f"{100 * v:.2f} cm"),
     "position_to_unknown_map_bound": ("over the bound of an unknown map", "{:.2f}".format),
     "position_to_known_map_bound": ("of a known map", "{:.2f}".format),
     "position_settled_nees": ("squared error over own variance (2 is right)", "{:.2f}".format),
+    "position_settled_median_nees": ("the same, median (1.39 is right)", "{:.2f}".format),
     "silent_steps": ("steps off by over 4 claimed deviations while health is well", "{:.0f}".format),
     "heading_settled_rmse_deg": ("heading, RMSE", "{:.2f} deg".format),
     "heading_to_unknown_map_bound": ("over its bound", "{:.2f}".format),
@@ -65,7 +69,7 @@ def write_study_report(folder: Path, overwrite: bool = False) -> Path:
     scenes = ", ".join(dict.fromkeys(row["scene"] for row in rows))
     parts = [
         f"<h1>Study: {escape(scenes)}</h1>",
-        "<p>Errors are of the steps after step 50.</p>",
+        "<p>Errors are of the steps from step 50 on.</p>",
         _scores(rows),
     ]
     figures = [path for path in sorted((folder / "figures").glob("*")) if path.suffix in MIME]

@@ -10,7 +10,7 @@ from run_samples import hall, some_measurements, some_run
 
 from gridslam.checks.other_files import run_line
 from gridslam.cli.run_end import Done, _table
-from gridslam.runs.notes import health_notes, lost_note
+from gridslam.runs.notes import health_notes, lost_note, silence_note, unsaid_note
 from gridslam.runs.run_files import write_run
 from gridslam.simulation.image_source import ground_truth
 from gridslam.viewers.report import write_report
@@ -78,6 +78,9 @@ def test_weighty_notes_come_first_and_all_are_kept():
 def test_errors_of_a_lost_agent_leave_the_table_its_width():
     _, done = done_of(0.1)
     wide = dict(done.scores[0], position_rmse_m=4321.0, position_bound_m=None, heading_rmse_deg=178.4567)
+    titles = [column.header for column in _table(done.runs, [wide]).columns]
+    assert titles.count("NEES\nmedian") == 1
+    assert titles[4].startswith("heading")
     position, heading = (next(iter(_table(done.runs, [wide]).columns[n].cells)) for n in (2, 4))
     assert (position, heading) == ("432100", "178")
     blind = dict(wide, position_rmse_m=None, position_std_m=0.0123)
@@ -102,3 +105,25 @@ def test_report_and_check_say_what_the_terminal_did(tmp_path):
     score = json.loads((tmp_path / "out" / "run.json").read_text())["agents"]["agent1"]
     assert score["surfaces_detected"] == 1
     assert run_line(tmp_path / "out").startswith("run of hall by grid: agent1 (21 steps, 1 surface)\n")
+
+
+def test_whoever_was_wrong_without_a_word_is_told_of_and_who_has_no_health_at_all():
+    """REFA was 8 cm off and claimed 1.9, and nothing was said."""
+    score = {"silent_steps": 7, "steps": 20, "position_nees": 90.0}
+    assert unsaid_note("a", score, "grid") == (
+        "a: off by over 4 of its own deviations at 7 of 20 steps, while its health is well"
+    )
+    assert unsaid_note("a", score, "refa").endswith(
+        "refa, kept as published, has no health that could say so"
+    )
+    assert unsaid_note("a", score, "mine:Own").endswith("while its health is well")
+    assert unsaid_note("a", score | {"silent_steps": 0}, "refa") is None
+    assert unsaid_note("a", score | {"position_nees": None}, "refa") is None, "it claims a deviation of 0"
+    assert unsaid_note("a", {"silent_steps": None}, "refa") is None
+
+
+def test_a_long_silence_is_told_and_a_short_one_isnt():
+    told = silence_note("a", (3, *range(60, 110)), 161)
+    assert told == "a: nothing was heard at 51 of 161 steps, the longest time from step 60 to 109"
+    assert silence_note("a", (), 161) is None
+    assert silence_note("a", tuple(range(0, 40, 2)), 161) is None

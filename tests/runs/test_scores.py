@@ -6,10 +6,13 @@ import h5py
 import numpy as np
 import pytest
 from run_samples import hall, some_estimate, some_run
+from tiny import TINY
 
 import gridslam as gs
 from gridslam.errors import InputError
-from gridslam.evaluation.ground_truth import tells_heading
+from gridslam.estimates import Health
+from gridslam.evaluation.bounds import known_map_bound
+from gridslam.evaluation.ground_truth import heard_paths, tells_heading
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.simulation.image_source import ground_truth
 from gridslam.systems.registry import maps_features
@@ -56,7 +59,14 @@ def test_squared_errors_are_in_units_of_what_was_claimed_and_of_nothing_claimed_
     run = replace(some_run(scene, "agent1", error=0.6), covariance=claimed)
     shift = run.trajectory.position_m[0] - track.position_m[0]
     want = shift[0] ** 2 / 0.01 + shift[1] ** 2 / 0.04
-    assert run.score(track)["position_nees"] == pytest.approx(want)
+    scores = run.score(track)
+    assert scores["position_nees"] == pytest.approx(want)
+    assert scores["position_median_nees"] == pytest.approx(want)
+    assert scores["silent_steps"] == 0
+    sure = replace(run, covariance=0.01 * claimed)
+    assert sure.score(track)["silent_steps"] == len(track), "off by 0.6 m, claims 2 cm, and is well"
+    said = [replace(one, health=Health(ok=False, why="lost")) for one in run.estimates]
+    assert replace(sure, estimates=said).score(track)["silent_steps"] == 0
     assert replace(run, covariance=0 * claimed).score(track)["position_nees"] is None
 
 
@@ -160,3 +170,21 @@ def test_what_a_method_does_not_find_out_is_not_scored():
     screen = gs.Scene.load("screen")
     assert not tells_heading(screen, "agent1", "signal")
     assert tells_heading(screen, "agent1", "paths")
+
+
+def test_the_bound_leaves_out_steps_of_which_nothing_was_heard():
+    """Of a table that had lost 50 steps the bound was that of the whole way, 1.65 cm beside 117."""
+    scene = gs.Scene.from_toml(TINY, "tiny")
+    truth, run = ground_truth(scene, "agent1"), some_run(scene, "agent1")
+    steps = len(run.trajectory)
+    late = tuple(range(steps // 2, steps))
+    whole, silent = (replace(run, unheard=gone).score(truth)["position_bound_m"] for gone in ((), late))
+    without = truth.paths.take(truth.paths.step < steps // 2)
+    bound = known_map_bound(scene, "agent1", without).position_m
+    assert silent == pytest.approx(np.sqrt((bound**2).mean()))
+    assert silent > 1.05 * whole
+    faint = scene.model_dump(exclude_none=True)
+    faint["radio"]["snr_at_1m_db"] = 5.0
+    faint = gs.Scene.checked(faint, scene.name)
+    paths = ground_truth(faint, "agent1").paths
+    assert heard_paths(faint, "agent1", paths, late) is paths, "their detection probability prices it in"

@@ -11,6 +11,7 @@ from made_up_runs import AGENTS, Here, made_up, plan
 from matplotlib.text import Text
 from tiny import TINY
 
+from gridslam.cli.study import _table
 from gridslam.drawing.map_figure import encoded
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
@@ -26,6 +27,7 @@ from gridslam.studies.plots import (
     draw_study,
     draw_surfaces,
 )
+from gridslam.studies.spread import standard_error
 from gridslam.studies.study import Outcome, Study, Variant, run_study
 from gridslam.studies.tables import step_rows, summary_rows, write_tables
 from gridslam.world.scene import Scene
@@ -89,6 +91,40 @@ def test_tables_add_up(scene, tmp_path):
     with (tmp_path / "runs.csv").open(newline="") as file:
         first, *_ = csv.DictReader(file)
     assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
+
+
+def test_standard_errors_over_seeds_and_differences_on_the_same_ones(scene, tmp_path):
+    """Of a root mean square to first order; what two methods have in common cancels in their difference."""
+    outcome = run_study(plan(scene, agents=("agent1",), methods=("grid", "va", "adaptive")), tmp_path, Here())
+    first, same, twice = batches(outcome)
+    twice.steps["position_error_m"] *= 2
+    rows = summary_rows([first, same, twice])
+    error, less, its = (
+        [row[f"position_{name}_m"] for row in rows]
+        for name in ("settled_standard_error", "less_first", "less_first_standard_error")
+    )
+    squares = 0.02**2 * np.array([1.0, 4.0, 9.0, 16.0])
+    root = np.sqrt(squares.mean())
+    want = squares.std(ddof=1) / np.sqrt(4) / (2 * root)
+    np.testing.assert_allclose(error, [want, want, 2 * want])
+    np.testing.assert_allclose(less, [np.nan, 0, root])
+    np.testing.assert_allclose(its, [np.nan, 0, want], atol=1e-15)
+    assert rows[0]["heading_settled_standard_error_deg"] == pytest.approx(0, abs=1e-12)
+    assert rows[0]["position_settled_median_nees"] == 2
+    rng = np.random.default_rng(5)
+    drawn = rng.chisquare(2, (4000, 20))
+    spread = np.mean([standard_error(one) for one in drawn])
+    assert spread == pytest.approx(np.sqrt(drawn.mean(1)).std(), rel=0.08)
+    (alone,) = summary_rows(batches(run_study(plan(scene, 1, agents=("agent1",)), tmp_path / "1", Here())))
+    assert np.isnan(alone["position_settled_standard_error_m"])
+
+
+def test_the_printed_table_has_standard_errors_no_wider_than_before(scene, tmp_path, capsys):
+    _table(summary_rows(batches(run_study(plan(scene, agents=("agent1",)), tmp_path, Here()))))
+    shown = capsys.readouterr().out
+    assert re.search(r"5\.48\+-1\.20, \d+\.\d\dx", shown)
+    assert "standard error over seeds" in shown
+    assert max(map(len, shown[: shown.index("from step 50 on")].splitlines())) <= 120
 
 
 def test_a_method_without_paths_or_surfaces_is_left_out_of_their_figures(scene, tmp_path):
