@@ -81,7 +81,13 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     if "amplitude" not in known and measured and sight.explained >= least_share(scene) and not lost:
         angles = any(len(finite(asis, name)) for name in ANGLES)
         placed = angles and (bool(scene.walls) or tells_place(asis))
-        found += loudness(asis["amplitude"], sight, scene, placed)
+        loud = loudness(asis["amplitude"], sight, scene, placed)
+        if any(item.kind == "slant" for item in found):
+            # where the scene lacks heights, amplitudes go by the length that is measured
+            ways = replace(sight, distance_m=asis["distance_m"][sight.row])
+            others = {item.kind for item in loudness(asis["amplitude"], ways, scene, placed)}
+            loud = [item for item in loud if item.kind in others]
+        found += loud
     if not found and sight.explained >= least_share(scene):
         found += second_device(asis, scene, agent, sight)
     return found
