@@ -31,7 +31,7 @@ class Suspicion:
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "rise", "milliseconds", "microseconds",
         "fast", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
-        "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
+        "round trip", "plan", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
         "dB", "power", "level", "variances" or "beyond".
     text : str
         What it looks like and what to do.
