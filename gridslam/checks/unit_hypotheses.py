@@ -32,7 +32,7 @@ class Suspicion:
         "padding", "missing", "case", "names", "offset", "slant", "rise", "milliseconds", "microseconds",
         "fast", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
         "round trip", "plan", "flipped", "mirrored", "world frame", "backwards", "swapped", "turned",
-        "place", "second device", "dB", "power", "level", "variances" or "beyond".
+        "place", "second device", "dB", "power", "level", "variances", "exact" or "beyond".
     text : str
         What it looks like and what to do.
     certain : bool
