@@ -1,4 +1,4 @@
-"""Deviations of a table's own that can't be (variances, degrees), and a radio's that distances are finer than."""
+"""Deviations of a table's own that can't be: variances, degrees; and a radio's that distances are finer than."""
 
 from __future__ import annotations
 
