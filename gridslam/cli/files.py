@@ -116,7 +116,7 @@ def export(
     from gridslam.runs.parts import waiting_note
     from gridslam.runs.run_files import read_run
     from gridslam.runs.track_tables import track_columns, write_track
-    from gridslam.viewers.plots import draw_export
+    from gridslam.viewers.export_figures import draw_export
 
     if output.suffix.lower() in EXPORTED and not output.is_dir():
         named = f"{output.name!r}, which is called as a file is"
@@ -133,7 +133,7 @@ def export(
         part.mkdir(parents=True)
         found.to_nav2(part, raw)
         found.to_csv(part)
-        draw_export(found, part)
+        draw_export(found, part, raw)
         if found.surfaces is not None:
             write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
         if found.features is not None:
