@@ -1,4 +1,4 @@
-"""Deviations of a table's own that can't be: variances, degrees; and a radio's that distances are finer than."""
+"""Deviations of a table that can't be its own: variances, degrees; and distances finer than the radio's."""
 
 from __future__ import annotations
 
