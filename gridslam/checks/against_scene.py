@@ -69,7 +69,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
             # from a wrong heading the right one is found, some steps later
             found, read, sight = _start_or_column(asis, scene, agent, sight)
     found = offset_beside(found, asis, read, scene, agent, sight)
-    found = with_places(found, asis, scene, agent, cured, sight)
+    found = with_places(found, asis, scene, agent, cured)
     if by_handovers.refuted(found, asis, scene, agent):
         found, read, sight = [], asis, followed(asis, scene, agent, plain)
     found = with_frame(by_handovers.named(found, asis, scene, agent), read, sight, scene)

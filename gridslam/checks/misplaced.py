@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from gridslam.checks.changes import change
 from gridslam.checks.crossed import Crossed
-from gridslam.checks.line_of_sight_filter import Sight
-from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import Suspicion
-from gridslam.inference.health.range_fits import Fit, beyond_doubt, words
+from gridslam.inference.health.range_fits import beyond_doubt, words
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
 
@@ -27,12 +22,7 @@ LEFT = 0.7
 
 
 def with_places(
-    found: list[Suspicion],
-    table: Columns,
-    scene: Scene,
-    agent: str | None,
-    cured: Columns | None = None,
-    sight: Sight | None = None,
+    found: list[Suspicion], table: Columns, scene: Scene, agent: str | None, cured: Columns | None = None
 ) -> list[Suspicion]:
     """Suspicions against the scene, with anchors that stand elsewhere instead of them, or beside them.
 
@@ -42,8 +32,6 @@ def with_places(
         Columns as of `gridslam.checks.line_of_sight_filter.explain`, in the order of steps.
     cured : dict of (K,) arrays, optional
         The same as the suspicions say that it should have been.
-    sight : Sight, optional
-        What is explained in the first steps: of an anchor that isn't in sight then an offset is told of, too.
     """
     kinds = {item.kind for item in found}
     if not table.keys() >= set(VALUES):
@@ -61,8 +49,7 @@ def with_places(
     if changed is not None:
         return [changed]
     fits = beyond_doubt(seen.fits, seen.numbers)
-    later = not found and sight is not None and _comes_later(fits, sight)
-    text = words(fits, model) if later or any(fit.thing.is_shift for fit in fits) else ""
+    text = words(fits, model) if any(fit.thing.is_shift for fit in fits) else ""
     if not text:
         return found
     plain, best = (fit.misfit / seen.numbers for fit in (seen.fits[0], fits[0]))
@@ -76,11 +63,3 @@ def with_places(
         return [Suspicion("anchor", "place", text, len(fits) == 1, reason)]
     others = [replace(item, certain=False) for item in found if item.kind not in RANGES]
     return [Suspicion("distance_m", "offset", text, False, reason), *others]
-
-
-def _comes_later(fits: Sequence[Fit], sight: Sight) -> bool:
-    """Whether what is wrong is an offset of one anchor that is hardly in sight in the first steps."""
-    if not fits or len(fits[0].thing.columns) != 1 or fits[0].thing.alike:
-        return False
-    (number,) = fits[0].thing.columns
-    return number < len(sight.shares) and bool(np.nan_to_num(sight.shares)[number] < UNSEEN)

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.checks.course import Course, aside_words
-from gridslam.checks.crossed import Crossed
 from gridslam.checks.fit import BLIND, FITTING, fitting, settled, tells_place
 from gridslam.checks.followed import followed
 from gridslam.checks.handovers import FIRST, Ties, heard_alone
@@ -16,8 +15,7 @@ from gridslam.checks.rivals import allowed_for, both_measured, range_errors
 from gridslam.checks.start_search import one_in_sight
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
-from gridslam.inference.health.range_fits import LEAST_LOOKS_ELSEWHERE as ENOUGH_LOOKS
-from gridslam.world.columns import VALUES, Columns
+from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
 UNSURE = "unsure: "
@@ -63,7 +61,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
             total = len(np.unique(table["step"]))
             line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
         line += _cannot_be_told(alone, scene) + _start_unseen(table, scene, agent)
-        return line + _not_judged(table, scene, agent, seen) + _aside(table, scene, seen)
+        return line + _not_judged(table, scene, seen) + _aside(table, scene, seen)
     if len(scene.anchors) > 1:
         line += f" ({_each(scene, seen)})"
     if not any(len(finite(columns, name)) for name in ANGLES):
@@ -84,7 +82,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
             "give the scene the walls that you know, or a way that passes there"
         )
     hidden = "walls, of which the scene has none, may hide anchors"
-    more = f"{hidden}{_rest(table, seen)}{_not_judged(table, scene, agent, seen)}"
+    more = f"{hidden}{_rest(table, seen)}{_not_judged(table, scene, seen)}"
     return f"{line}: no other reading of a column explains more; {more}"
 
 
@@ -159,35 +157,13 @@ def _aside(table: Columns, scene: Scene, seen: Sight) -> str:
     return "" if turn_rad is None else f"; the agent {aside_words(turn_rad)}"
 
 
-def _not_judged(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> str:
+def _not_judged(table: Columns, scene: Scene, seen: Sight) -> str:
     """Which anchors are hardly in sight in the scans that were looked at, so that nothing is said of them."""
     scans = np.bincount(table["anchor"][seen.row], minlength=len(scene.anchors))
     names = zip(scene.anchor_names, scans, np.nan_to_num(seen.shares), strict=True)
-    few = [
-        (number, f"{name} (in {share:.0%} of {n} scans)")
-        for number, (name, n, share) in enumerate(names)
-        if n >= FEW and share < UNSEEN
-    ]
-    if not few:
-        return ""
+    few = [f"{name} (in {share:.0%} of {n} scans)" for name, n, share in names if n >= FEW and share < UNSEEN]
     which = f"the first {seen.first} steps" if seen.first else "all steps"
-    line = f"; not judged, for too few lines of sight in {which}: {', '.join(text for _, text in few)}"
-    return line + _judged_later([number for number, _ in few], table, scene, agent)
-
-
-def _judged_later(few: list[int], table: Columns, scene: Scene, agent: str | None) -> str:
-    """Whether clocks and places of such anchors are judged by later steps; what that takes, if not."""
-    if scene.clocks is not None or not table.keys() >= set(VALUES) or not scene.agents:
-        return ""
-    crossed = Crossed.of(table, scene.filter_model(agent))
-    looks = crossed.sights.sum(0) if crossed is not None else np.zeros(len(scene.anchors), int)
-    later, never = (
-        ", ".join(scene.anchor_names[number] for number in few if (looks[number] >= ENOUGH_LOOKS) == enough)
-        for enough in (True, False)
-    )
-    told = f"; clocks and places are, where another anchor is in sight, too: {later}" if later else ""
-    needed = f"{ENOUGH_LOOKS} steps with another anchor in sight"
-    return told + (f"; a clock and a place would need {needed}: {never}" if never else "")
+    return f"; not judged, for too few lines of sight in {which}: {', '.join(few)}" if few else ""
 
 
 def _never_seen(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> list[str]:

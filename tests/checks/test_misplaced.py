@@ -74,15 +74,3 @@ def test_check_and_run_say_so_in_one_line(tmp_path):
     assert "anchor C stands near" in lines[0]
     assert "anchor C stands near" in range_note(scene, "agent1", table)
     assert range_note(CANYON, "agent1", table) is None
-
-
-@pytest.mark.slow
-def test_an_offset_of_an_anchor_that_is_heard_late_is_told_by_later_steps():
-    table = gs.simulate(CANYON, "agent1", 53)
-    kept = (table.anchor != 1) | (table.step >= 102)
-    columns = {name: np.asarray(values)[kept] for name, values in table.columns.items()}
-    wrong = columns | {"distance_m": columns["distance_m"] + 0.9 * (columns["anchor"] == 1)}
-    assert suspicions(columns, table.anchors, CANYON, "agent1") == []
-    (found,) = suspicions(wrong, table.anchors, CANYON, "agent1")
-    assert (found.column, found.kind) == ("distance_m", "offset")
-    assert "anchor B" in found.text

@@ -35,8 +35,7 @@ def test_an_anchor_that_is_seen_later_is_not_said_to_be_out_of_sight(seen, monke
     line = verdict.verdict(table, np.arange(2), SCENE, "agent1")
     assert "units and frames fit the scene" in line
     scans = int((table["anchor"][sight.row] == 1).sum())
-    assert f"; not judged, for too few lines of sight in {says}{scans} scans)" in line
-    assert "; clocks and places are, where another anchor is in sight, too: B" in line
+    assert line.endswith(f"; not judged, for too few lines of sight in {says}{scans} scans)")
     assert "out of sight" not in line
 
 
