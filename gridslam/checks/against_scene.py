@@ -26,6 +26,7 @@ from gridslam.checks.rivals import (
 )
 from gridslam.checks.second_device import second_device
 from gridslam.checks.start_search import ELSEWHERE, MANY_STARTS, RIVAL, goes_ahead, one_in_sight, other_start
+from gridslam.checks.still_headings import with_frame
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
@@ -70,8 +71,8 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     found = offset_beside(found, asis, read, scene, agent, sight)
     found = with_places(found, asis, scene, agent, cured)
     if by_handovers.refuted(found, asis, scene, agent):
-        found, sight = [], followed(asis, scene, agent, plain)
-    found = by_handovers.named(found, asis, scene, agent)
+        found, read, sight = [], asis, followed(asis, scene, agent, plain)
+    found = with_frame(by_handovers.named(found, asis, scene, agent), read, sight, scene)
     found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))
@@ -80,7 +81,13 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     if "amplitude" not in known and measured and sight.explained >= least_share(scene) and not lost:
         angles = any(len(finite(asis, name)) for name in ANGLES)
         placed = angles and (bool(scene.walls) or tells_place(asis))
-        found += loudness(asis["amplitude"], sight, scene, placed)
+        loud = loudness(asis["amplitude"], sight, scene, placed)
+        if any(item.kind == "slant" for item in found):
+            # where the scene lacks heights, amplitudes go by the length that is measured
+            ways = replace(sight, distance_m=asis["distance_m"][sight.row])
+            others = {item.kind for item in loudness(asis["amplitude"], ways, scene, placed)}
+            loud = [item for item in loud if item.kind in others]
+        found += loud
     if not found and sight.explained >= least_share(scene):
         found += second_device(asis, scene, agent, sight)
     return found

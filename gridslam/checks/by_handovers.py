@@ -9,7 +9,7 @@ from gridslam.checks.unit_hypotheses import ANGLES, Suspicion
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
-REFUTED = {"turned", "names", "start", "flipped", "backwards"}
+REFUTED = {"turned", "names", "start", "flipped", "mirrored", "backwards"}
 """Kinds of suspicions that make anchors' own poses part, or the first of them leave the told start."""
 WHERE = {"distance_m", "anchor", "start", "agent", *ANGLES}
 """Columns of suspicions that say why poses part."""

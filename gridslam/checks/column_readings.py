@@ -115,7 +115,20 @@ def likeliest_way(table: Columns, scene: Scene, agent: str | None, plain: Sight)
         return best  # about one anchor, with nobody knowing when it is hidden, two errors explain anything
     if len(together.read) > 1 and together.sight.evidence > needed:
         best = together
-    return best
+    mirrored = _mirrored(table, scene, agent)
+    needed = best.sight.evidence + CLEAR if best.read else least
+    if mirrored is None or mirrored.sight.explained < least_share(scene):
+        return best
+    both = {(one.column, one.kind) for one in best.read} == {(name, "flipped") for name in ANGLES}
+    return mirrored if both or mirrored.sight.evidence > needed else best
+
+
+def _mirrored(table: Columns, scene: Scene, agent: str | None) -> Way | None:
+    """Both angles counted clockwise, as in a scene that is mirrored; None where they aren't both measured."""
+    if not all(len(finite(table, name)) for name in ANGLES):
+        return None
+    read = table | {name: -table[name] for name in ANGLES}
+    return Way((Reading("aod_rad", "mirrored"),), read, explain(read, scene, agent))
 
 
 def rival_of_start(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> Way:

@@ -1,4 +1,4 @@
-"""Whether the agent that a run followed looks where it goes; what it may mean if it never does.
+"""Whether an agent looks where it goes; what it may mean if it never does.
 
 An array that is mounted sideways, or angles of another axis, turn the heading by as much all the way, and the
 positions stay right: nothing else in the measurements tells. Bearings in the world's frame hold it still.
@@ -7,20 +7,78 @@ positions stay right: nothing else in the measurements tells. Bearings in the wo
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.checks.line_of_sight_filter import Sight
 from gridslam.estimates import Estimate
+from gridslam.world.columns import Columns
 from gridslam.world.geometry import wrap
+from gridslam.world.scene import Scene
 
-LEG_M, LEAST = 0.5, 20
-"""Way by which a course is told, and the least number of steps that have one."""
+LEG_M, BLUNT_LEG_M, LEAST = 0.5, 1.0, 20
+"""Way by which a course is told, of a run and by lines of sight; least number of steps that have one."""
 ASIDE, BACKWARDS = np.radians(30.0), np.radians(150.0)
 """Mean angle between heading and course from which on the agent goes sideways, and backwards."""
-STEADY, STILL, BENT = 0.95, 0.98, 0.7
+STEADY, STILL, BENT = 0.95, 0.99, 0.9
 """Mean resultant lengths: of that angle where it is the same all the way (18 degrees), of a heading that
-stays (11 degrees), and of courses that turn."""
+stays (8 degrees), and of courses that turn (a quarter of a turn, evenly)."""
+SURE = 0.7
+"""Probability from which on a row is taken for a line of sight."""
+
+
+class Course(NamedTuple):
+    """How headings lie to the way.
+
+    Attributes
+    ----------
+    turn : complex
+        Mean resultant of headings less courses.
+    facing, way : complex
+        Of headings, and of courses.
+    """
+
+    turn: complex
+    facing: complex
+    way: complex
+
+    @classmethod
+    def of(cls, place: Array, heading: Array, leg_m: float = LEG_M) -> Course | None:
+        """Of a track (N, 2) in m with headings (N,) in rad, NaN where unknown; None where too few tell."""
+        legs = np.reshape(_legs(place, leg_m), (-1, 2)).astype(int)
+        middle = heading[legs.sum(1) // 2]
+        legs, middle = legs[np.isfinite(middle)], middle[np.isfinite(middle)]
+        if len(legs) < LEAST:
+            return None
+        way = place[legs[:, 1]] - place[legs[:, 0]]
+        course = np.arctan2(way[:, 1], way[:, 0])
+        return cls(_mean(wrap(middle - course)), _mean(middle), _mean(course))
+
+    @classmethod
+    def by_sight(cls, table: Columns, sight: Sight, scene: Scene) -> Course | None:
+        """By the lines of sight of a table in the order of steps, as `check` follows them."""
+        rows = sight.row[sight.probability > SURE]
+        if "aoa_rad" not in table or not len(sight.row):
+            return None
+        rows = rows[np.isfinite(table["aoa_rad"][rows])]
+        number = np.searchsorted(np.unique(table["step"][sight.row]), table["step"][rows])
+        away = sight.position_m[number] - scene.anchor_positions[table["anchor"][rows]]
+        facing = np.arctan2(away[:, 1], away[:, 0]) + np.pi - table["aoa_rad"][rows]
+        sums = np.zeros(len(sight.position_m), complex)
+        np.add.at(sums, number, np.exp(1j * facing))
+        heading = np.where(sums == 0, np.nan, np.angle(sums))
+        return cls.of(sight.position_m, heading, BLUNT_LEG_M)
+
+    def aside_rad(self) -> float | None:
+        """By how much the heading is turned against the course all the way; None where it isn't."""
+        turned = abs(self.turn) > STEADY and abs(np.angle(self.turn)) > ASIDE
+        return float(np.angle(self.turn)) if turned else None
+
+    def stays(self) -> bool:
+        """Whether the heading hardly turns while the way does."""
+        return abs(self.facing) > STILL and abs(self.way) < BENT
 
 
 def course_note(estimates: Sequence[Estimate]) -> str | None:
@@ -33,18 +91,13 @@ def course_note(estimates: Sequence[Estimate]) -> str | None:
     """
     place = np.array([one.position_m[:2] for one in estimates]).reshape(-1, 2)
     heading = np.array([np.nan if one.heading_rad is None else one.heading_rad for one in estimates])
-    legs = _legs(place)
-    at = np.array([first for first, _ in legs if np.isfinite(heading[first])], dtype=int)
-    if len(at) < LEAST:
+    course = Course.of(place, heading)
+    if course is None:
         return None
-    until = dict(legs)
-    way = np.array([place[until[first]] - place[first] for first in at])
-    course = np.arctan2(way[:, 1], way[:, 0])
-    middle = np.array([heading[(first + until[first]) // 2] for first in at])
-    turn = _mean(wrap(middle - course))
-    if abs(turn) > STEADY and abs(np.angle(turn)) > ASIDE:
-        return _aside(float(np.angle(turn)))
-    if abs(_mean(middle)) > STILL and abs(_mean(course)) < BENT:
+    turn_rad = course.aside_rad()
+    if turn_rad is not None:
+        return f"it {aside_words(turn_rad)}"
+    if course.stays():
         return (
             "its heading hardly turns while its way does: if it looks where it goes, aoa_rad is counted in "
             "the world's frame, and not in the agent's"
@@ -52,21 +105,30 @@ def course_note(estimates: Sequence[Estimate]) -> str | None:
     return None
 
 
-def _aside(turn_rad: float) -> str:
+def aside_words(turn_rad: float) -> str:
     """Of an agent whose heading is turned by so much against its course."""
-    side = "backwards" if abs(turn_rad) > BACKWARDS else "to its left" if turn_rad < 0 else "to its right"
+    off = f"{abs(np.degrees(turn_rad)):.0f} degrees off its heading"
     return (
-        f"it goes {side} all the way ({abs(np.degrees(turn_rad)):.0f} degrees off its heading): is its array "
-        "mounted so, or are aoa_rad and start_heading_deg counted from another axis of the agent?"
+        f"{side_words(turn_rad)} all the way ({off}): is its array mounted so, or are aoa_rad and "
+        "start_heading_deg counted from another axis of the agent?"
     )
 
 
-def _legs(place: Array) -> list[tuple[int, int]]:
+def side_words(turn_rad: float) -> str:
+    """Where an agent goes whose heading is turned by so much against its course."""
+    if abs(turn_rad) <= ASIDE:
+        return "goes ahead"
+    return "goes " + (
+        "backwards" if abs(turn_rad) > BACKWARDS else f"to its {'left' if turn_rad < 0 else 'right'}"
+    )
+
+
+def _legs(place: Array, leg_m: float) -> list[tuple[int, int]]:
     """Steps, each with the first one after it that is a leg away."""
     legs, end = [], 0
     for first in range(len(place)):
         end = max(end, first + 1)
-        while end < len(place) and np.hypot(*(place[end] - place[first])) < LEG_M:
+        while end < len(place) and np.hypot(*(place[end] - place[first])) < leg_m:
             end += 1
         if end == len(place):
             break

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks import elevations, time_units
 from gridslam.checks.against_scene import against_scene
-from gridslam.checks.deviations import variances
+from gridslam.checks.deviations import degrees, too_exact, variances
 from gridslam.checks.fillers import padding
 from gridslam.checks.repeats import repeats_line
 from gridslam.checks.scene_lines import implausible_radio
@@ -194,10 +194,11 @@ def suspicions(
         return [*found, Suspicion("anchor", "anchors", text, True, f"found {', '.join(names)}")]
     table = columns | {"anchor": place[columns["anchor"]]}
     who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
-    found += variances(table, scene)
+    wide, table = degrees(table, scene, who)
+    found += [*variances(table, scene), *wide]
     found += against_scene(table, scene, who, {item.column for item in plain})
     named = any(item.column == "distance_m" for item in found)
-    return found if named else found + beyond_radio(table, scene)
+    return found if named else [*found, *(beyond_radio(table, scene) or too_exact(table, scene))]
 
 
 def _anchors(names: tuple[str, ...], scene: Scene, folded: bool = False) -> NDArray[np.intp] | None:

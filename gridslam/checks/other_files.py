@@ -106,7 +106,7 @@ def _found(score: Mapping[str, Any]) -> list[str]:
 
 
 EXPORTED = "map.yaml", "reflection.yaml", "cells.csv", "surfaces.csv", "occupancy.png", "reflection.png"
-MAYBE_EXPORTED = ("surfaces.geojson", "features.*", "unexplained.*", "*-track.csv")
+MAYBE_EXPORTED = ("map.png", "surfaces.geojson", "features.*", "unexplained.*", "*-track.csv")
 """What every export writes, and what some do; other files in its folder are others'."""
 
 

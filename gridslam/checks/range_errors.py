@@ -25,7 +25,8 @@ class RangeError:
     ----------
     kind : str
         "offset" adds a constant; "slant" is a height difference other than the scene's; "rise" is how much
-        higher the agent is than the scene says.
+        higher the agent is than the scene says; "plan" leaves heights out, as distances on a floor plan do,
+        and has no size.
     anchors : tuple of int
         Whose distances have it, as indices into the scene's.
     """
@@ -36,11 +37,13 @@ class RangeError:
     @property
     def least_m(self) -> float:
         """The smallest size worth telling of, m."""
-        return {"slant": LEAST_HEIGHT_M, "rise": LEAST_RISE_M}.get(self.kind, LEAST_OFFSET_M)
+        return {"slant": LEAST_HEIGHT_M, "rise": LEAST_RISE_M, "plan": 0.0}.get(self.kind, LEAST_OFFSET_M)
 
     @property
     def bounds_m(self) -> tuple[float, float]:
         """Sizes between which it is looked for, m."""
+        if self.kind == "plan":
+            return 0.0, 0.0
         most = {"slant": MOST_HEIGHT_M, "rise": MOST_RISE_M}.get(self.kind, MOST_OFFSET_M)
         return (0.0 if self.kind == "slant" else -most), most
 
@@ -61,12 +64,16 @@ class RangeError:
         """
         if anchor not in self.anchors:
             return slant(level, height)
+        if self.kind == "plan":
+            return level
         if self.kind == "rise":
             return slant(level, height - size)
         return slant(level, size) if self.kind == "slant" else slant(level, height) + size
 
     def cured(self, distance: Array, size: float, height: Array) -> Array:
         """What would have been measured without it."""
+        if self.kind == "plan":
+            return slant(distance, height)
         if self.kind in ("slant", "rise"):
             true = size if self.kind == "slant" else height - size
             return slant(np.maximum(level_of(distance, true), 1e-2), height)

@@ -92,6 +92,17 @@ def fits(
     return found
 
 
+def without_twins(found: list[RangeFit]) -> list[RangeFit]:
+    """Fits of errors, without a height of all anchors of next to none: as lengths in the plan have it."""
+    plans = [fit.error.anchors for fit in found if fit.error is not None and fit.error.kind == "plan"]
+    twins = [
+        fit
+        for fit in found
+        if fit.error is not None and fit.error.kind == "slant" and fit.size_m < fit.error.least_m
+    ]
+    return [fit for fit in found if fit not in twins or fit.error is None or fit.error.anchors not in plans]
+
+
 def fit_heights(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> tuple[Array, RangeFit] | None:
     """Fit a height of its own to each anchor, one after the other; None as `fits` is empty.
 

@@ -29,6 +29,11 @@ def error_words(error: RangeError, size: float, scene: Scene, agent: str | None 
             f"slant ranges of an agent that is {abs(size):.1f} m {way}: with its height_m at about "
             f"{told + size:.1f}, not {told:g}, the table fits"
         )
+    if error.kind == "plan":
+        return (
+            "distances in the plan, from above, where slant ranges belong: the root of the sum of squares "
+            "with the anchor's height above the agent; or leave the heights out of the scene"
+        )
     names = ", ".join(scene.anchor_names[number] for number in error.anchors)
     every = len(error.anchors) == len(scene.anchors)
     whose = "of all anchors" if every else f"of anchor {names}"

@@ -11,8 +11,8 @@ import numpy as np
 from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.forgotten_heights import forgotten_heights
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_rad
-from gridslam.checks.range_errors import LEAST_RISE_M, RangeError
-from gridslam.checks.range_fit import RangeFit, fits
+from gridslam.checks.range_errors import LEAST_HEIGHT_M, LEAST_RISE_M, RangeError
+from gridslam.checks.range_fit import RangeFit, fits, without_twins
 from gridslam.checks.range_words import error_words
 from gridslam.checks.turned_anchors import Turn, by_chance, names_words, nearly, turned_tables, words
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
@@ -69,7 +69,9 @@ def range_errors(scene: Scene) -> list[RangeError]:
     errors = [RangeError(kind, group) for group in groups for kind in ("offset", "slant")]
     # of anchors that are all as high it is the same as their own height
     told = scene.has_heights and np.ptp(scene.heights(None)) > LEAST_RISE_M
-    return [*errors, RangeError("rise", every)] if told else errors
+    errors += [RangeError("rise", every)] if told else []
+    high = scene.has_heights and np.abs(scene.heights(None)).max() >= LEAST_HEIGHT_M
+    return [*errors, RangeError("plan", every)] if high else errors
 
 
 def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, plain: Sight) -> Cure | None:
@@ -163,7 +165,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     found = fits(table, sight, scene, range_errors(scene), agent)
     if not found:
         return None
-    plain, ranked = found[0], sorted(found[1:], key=lambda fit: fit.misfit)
+    plain, ranked = found[0], sorted(without_twins(found[1:]), key=lambda fit: fit.misfit)
     best, alike = ranked[0], [fit for fit in ranked[1:] if ranked[0].gain(fit) < CLEAR]
     common = None if _named_beside(best, alike) else _common_height([best, *alike], plain, scene)
     if common is not None:
@@ -255,7 +257,7 @@ def offset_beside(
     kinds = {item.kind for item in found}
     if (
         not found
-        or kinds & {"offset", "slant", "rise", "names", "turned", "start", "agent", "second device"}
+        or kinds & {"offset", "slant", "rise", "plan", "names", "turned", "start", "agent", "second device"}
         or not both_measured(table)
     ):
         return found

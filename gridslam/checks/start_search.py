@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.checks.course import STEADY, Course, side_words
 from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.line_of_sight_filter import PARTICLES, TOLD_APART, Sight, explain
 from gridslam.checks.rivals import CERTAIN
@@ -152,14 +153,10 @@ def other_start(
         return None, own
     text = start_words(sight.start, there, body.start_heading_deg)
     sure = sight.evidence > best.evidence + RIVAL
-    if (
-        there and gap_rad > ASIDE_RAD and not one_in_sight(sight)
-    ):  # an array that is mounted otherwise fits as well
-        sure, arrivals = (
-            False,
-            arrivals_words(float(wrap(sight.start[2] - np.radians(body.start_heading_deg)))),
-        )
-        text = f"{text}; or {arrivals}" if goes_ahead(sight) > ALONG else f"{arrivals}; or {text}"
+    if there and gap_rad > ASIDE_RAD and not one_in_sight(sight):
+        # an array that is mounted otherwise fits as well
+        turned_rad = float(wrap(sight.start[2] - np.radians(body.start_heading_deg)))
+        text, sure = _either(text, turned_rad, table, scene, sight), False
     return Suspicion("start", "start", text, sure, _reason(table, scene, agent, None, plain, sight)), sight
 
 
@@ -193,7 +190,7 @@ def one_in_sight(sight: Sight) -> bool:
 
 def start_words(start: Array, there: bool, heading_deg: float) -> str:
     """What is said of a start (m, m, rad) from which a table fits; `there` if its place is the told one."""
-    facing = f"{np.degrees(start[2]):.0f} degrees"
+    facing = f"{round(float(np.degrees(start[2])))} degrees"
     if there:
         told = f"start_heading_deg of {heading_deg:g} doesn't fit"
         return f"{told}: with about {facing} the table does as it stands"
@@ -202,6 +199,16 @@ def start_words(start: Array, there: bool, heading_deg: float) -> str:
         f"start_m and start_heading_deg don't fit: with a start at {place} and "
         f"a heading of {facing} the table does as it stands; they are to be those of the table's first step"
     )
+
+
+def _either(start: str, turned_rad: float, table: Columns, scene: Scene, sight: Sight) -> str:
+    """Another heading, and another axis of arrivals: first the one by which the agent looks where it goes."""
+    arrivals, course = arrivals_words(turned_rad), Course.by_sight(table, sight, scene)
+    if course is None or abs(course.turn) < STEADY:  # its first way alone tells
+        return f"{start}; or {arrivals}" if goes_ahead(sight) > ALONG else f"{arrivals}; or {start}"
+    by_start, by_arrivals = (float(wrap(np.angle(course.turn) - turn)) for turn in (0.0, turned_rad))
+    ways = sorted([(by_start, start), (by_arrivals, arrivals)], key=lambda way: abs(way[0]))
+    return "; or ".join(f"{text} (so it {side_words(turn)} all the way)" for turn, text in ways)
 
 
 def arrivals_words(gap_rad: float) -> str:

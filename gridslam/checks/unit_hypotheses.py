@@ -31,8 +31,8 @@ class Suspicion:
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "rise", "milliseconds", "microseconds",
         "fast", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
-        "round trip", "flipped", "world frame", "backwards", "swapped", "turned", "place", "second device",
-        "dB", "power", "level", "variances" or "beyond".
+        "round trip", "plan", "flipped", "mirrored", "world frame", "backwards", "swapped", "turned",
+        "place", "second device", "dB", "power", "level", "variances", "exact" or "beyond".
     text : str
         What it looks like and what to do.
     certain : bool
@@ -71,6 +71,10 @@ ADVICE = {
     "feet": "feet, where metres belong (times 0.3048)",
     "round trip": "the way there and back, twice the distance",
     "flipped": "counted clockwise; angles are counter-clockwise",
+    "mirrored": (
+        "counted clockwise, and so is aoa_rad; or the scene is mirrored, as of a picture whose y axis points "
+        "down, with anchors and start on the wrong side"
+    ),
     "world frame of departure": "directions in the world; the anchor's orientation must be subtracted",
     "world frame of arrival": "directions in the world; the agent's heading must be subtracted",
     "backwards": "the direction of travel, where the direction towards where the path comes from belongs",

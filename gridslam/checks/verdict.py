@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.checks.course import Course, aside_words
 from gridslam.checks.fit import BLIND, FITTING, fitting, settled, tells_place
 from gridslam.checks.followed import followed
 from gridslam.checks.handovers import FIRST, Ties, heard_alone
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
 from gridslam.checks.rivals import allowed_for, both_measured, range_errors
+from gridslam.checks.start_search import one_in_sight
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.world.columns import Columns
@@ -59,7 +61,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
             total = len(np.unique(table["step"]))
             line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
         line += _cannot_be_told(alone, scene) + _start_unseen(table, scene, agent)
-        return line + _not_judged(table, scene, seen)
+        return line + _not_judged(table, scene, seen) + _aside(table, scene, seen)
     if len(scene.anchors) > 1:
         line += f" ({_each(scene, seen)})"
     if not any(len(finite(columns, name)) for name in ANGLES):
@@ -146,6 +148,13 @@ def _rest(table: Columns, seen: Sight) -> str:
     begin, last = int(table["step"][0]) + seen.first, int(table["step"][-1])
     which = f"step {last} wasn't" if begin == last else f"steps {begin} to {last} weren't"
     return f"; {which} looked at"
+
+
+def _aside(table: Columns, scene: Scene, seen: Sight) -> str:
+    """That the agent never looks where it goes, where it doesn't."""
+    course = Course.by_sight(table, seen, scene) if tells_place(table) and not one_in_sight(seen) else None
+    turn_rad = course.aside_rad() if course is not None else None
+    return "" if turn_rad is None else f"; the agent {aside_words(turn_rad)}"
 
 
 def _not_judged(table: Columns, scene: Scene, seen: Sight) -> str:

@@ -38,9 +38,10 @@ def fit_notes(
     """
     early = early_notes(world, runs, observations)
     notes = _range_notes(world, runs, observations)
+    absurd = absurd_notes(runs, observations)
     if notes:  # such distances fit no true track either
-        return [*notes, *early]
-    misfit = _misfit_notes(world, runs, observations, file, scene)
+        return [*absurd, *notes, *early]
+    misfit = list(dict.fromkeys([*absurd, *_misfit_notes(world, runs, observations, file, scene)]))
     about = [*start_notes(world, runs), *course_notes(runs), *truth_notes(world, runs, observations)]
     return [*misfit, *early, *about]
 
@@ -70,6 +71,22 @@ def start_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
                 f"from the told start, known to {body.prior.position_m:g} m: see start_m, or the anchors"
             )
     return notes
+
+
+def absurd_notes(runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
+    """What the numbers of a table alone give away: deviations of angles in degrees let anything fit."""
+    import numpy as np
+
+    from gridslam.checks.unit_hypotheses import absurd
+    from gridslam.measurements.table import Measurements
+
+    tables = [(run.agent, one) for run, one in zip(runs, observations, strict=True)]
+    return [
+        f"{agent}: suspect: {item}"
+        for agent, heard in tables
+        if isinstance(heard, Measurements)
+        for item in absurd({name: np.asarray(values) for name, values in heard.columns.items()})[0]
+    ]
 
 
 def course_notes(runs: Sequence[Run]) -> list[str]:

@@ -57,7 +57,7 @@ def check(
     from gridslam.checks.verdict import UNSURE
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
-    from gridslam.runs.parts import refuse_unfinished
+    from gridslam.runs.parts import refuse_unfinished, waiting_note
     from gridslam.world.columns import require_distances
     from gridslam.world.scene import Scene
 
@@ -67,6 +67,8 @@ def check(
     if not (samples or _is_table(file)):
         said = _describe(file)
         _say(said)
+        if (waits := waiting_note(file)) is not None:
+            warnings.warn(Note(waits), stacklevel=2)
         if "\nsuspect: " in said:
             raise typer.Exit(1)
         return
@@ -111,9 +113,10 @@ def export(
     from gridslam.importers.geojson import write_features, write_surfaces
     from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.maps.map import Map
+    from gridslam.runs.parts import waiting_note
     from gridslam.runs.run_files import read_run
     from gridslam.runs.track_tables import track_columns, write_track
-    from gridslam.viewers.plots import draw_export
+    from gridslam.viewers.export_figures import draw_export
 
     if output.suffix.lower() in EXPORTED and not output.is_dir():
         named = f"{output.name!r}, which is called as a file is"
@@ -130,7 +133,7 @@ def export(
         part.mkdir(parents=True)
         found.to_nav2(part, raw)
         found.to_csv(part)
-        draw_export(found, part)
+        draw_export(found, part, raw)
         if found.surfaces is not None:
             write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
         if found.features is not None:
@@ -153,6 +156,8 @@ def export(
         raise cannot_write(shown, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
+    if (waits := waiting_note(map_file)) is not None:
+        warnings.warn(Note(waits), stacklevel=2)
     if not found.free.any():
         none = "no free cells, as of methods that map none or where too little is measured"
         warnings.warn(Note(f"{map_file}: {none}: no map for a planner"), stacklevel=2)

@@ -244,6 +244,9 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
         raise InputError(
             where.rpartition(": ")[0], "an empty file", f"a header line {','.join((*KEYS, *VALUES))}"
         )
+    if not set(header) & set(known) and any(map(_is_number, written)):
+        columns = ",".join((*KEYS, *VALUES))
+        raise InputError(where, f"no header, but {','.join(written)[:60]!r}", f"names of columns: {columns}")
     faults = list[InputError]()
     for place, name in enumerate(header):
         meant = None if name in known else meant_by(name)
@@ -270,6 +273,15 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
     if not set(header) & set(VALUES):
         raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")
     return [name for name in header if name not in known]
+
+
+def _is_number(cell: str) -> bool:
+    """Whether a cell of a header is a number, with a decimal comma or without."""
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _number(cell: str, name: str, names: _Names | None, where: str) -> float:

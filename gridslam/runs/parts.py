@@ -52,6 +52,16 @@ def refuse_unfinished(folder: Path) -> None:
         )
 
 
+def waiting_note(folder: Path) -> str | None:
+    """That a run that was to replace a folder's waits, where one does."""
+    if not folder.is_dir() or unfinished_part(folder) is None:
+        return None
+    return (
+        f"{folder}: an unfinished run that was to replace this one waits "
+        f"(gridslam run --resume {folder} goes on with it)"
+    )
+
+
 def sign(folder: Path, process: int) -> None:
     """Mark a folder as an unfinished one of a process of this machine."""
     (folder / MARK).write_bytes(_mark(process))

@@ -1,4 +1,4 @@
-"""Figures: of a finished run, drawn from its folder, and of a map alone."""
+"""Figures of a finished run, drawn from its folder."""
 
 from __future__ import annotations
 
@@ -39,7 +39,6 @@ from gridslam.evaluation.ground_truth import inherited_truth, known_bound, tells
 from gridslam.evaluation.metrics import SETTLED_STEP, track_errors
 from gridslam.evaluation.surface_truth import AudibleSurfaces, false_surfaces
 from gridslam.io.files import refuse_leaving, write_files
-from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.runs import network_files
 from gridslam.runs.run_files import AgentFiles, RunFiles, fault_of, read_run
@@ -323,18 +322,6 @@ def _drop_others(folder: Path, agents: Sequence[str], written: Sequence[Path], f
     ours = {*TITLES_OF_ALL, *(f"{name}-{title}" for name in agents for title in TITLES)}
     for path in {folder / f"{name}.{form}" for name in ours} - set(written):
         path.unlink(missing_ok=True)
-
-
-def draw_export(grid: Map, directory: str | os.PathLike[str]) -> list[Path]:
-    """Draw ``occupancy.png`` and ``reflection.png`` of a map alone and return their paths.
-
-    Raises
-    ------
-    InputError
-        The folder can't be written to.
-    """
-    figures = {"occupancy.png": draw_map(grid), "reflection.png": draw_reflection(grid)}
-    return write_files(Path(directory), {name: encoded(figure) for name, figure in figures.items()})
 
 
 def _truth(scene: Scene, name: str, found: AgentFiles) -> Truth | None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from check_tables import SCENES, simulated_columns
 
-from gridslam.checks.deviations import variances
+from gridslam.checks.deviations import degrees, too_exact, variances
 from gridslam.checks.unit_hypotheses import absurd
 
 ROOM = SCENES["room"]
@@ -43,3 +43,25 @@ def test_deviations_of_angles_beyond_a_quarter_of_a_turn_are_degrees():
     (found,), table = absurd(columns | {"aoa_std_rad": np.degrees(right)})
     assert (found.column, found.kind, found.certain) == ("aoa_std_rad", "degrees", True)
     np.testing.assert_allclose(table["aoa_std_rad"], right)
+
+
+@pytest.mark.slow
+def test_deviations_of_angles_far_wider_than_they_scatter_are_degrees():
+    """Of less than a degree and a half: none of them is beyond a quarter of a turn."""
+    columns = simulated_columns("room", 3)
+    right = np.full(len(columns["step"]), np.radians(0.9))
+    assert degrees(columns | {"aoa_std_rad": right}, ROOM, "agent1")[0] == []
+    (found,), table = degrees(columns | {"aod_std_rad": np.degrees(right)}, ROOM, "agent1")
+    assert (found.column, found.kind) == ("aod_std_rad", "degrees")
+    np.testing.assert_allclose(table["aod_std_rad"], right)
+
+
+def test_a_bandwidth_that_is_far_too_small_is_told_by_how_exact_distances_are():
+    columns = simulated_columns("room", 3)
+    assert too_exact(columns, ROOM) == []
+    radio = ROOM.radio.model_copy(update={"bandwidth_hz": ROOM.radio.bandwidth_hz / 50})
+    narrow = ROOM.model_copy(update={"radio": radio})
+    (found,) = too_exact(columns, narrow)
+    assert "far more exact than radio.bandwidth_hz" in found.text
+    own = columns | {"distance_std_m": np.full(len(columns["step"]), 0.02)}
+    assert too_exact(own, narrow) == [], "it says how exact they are"

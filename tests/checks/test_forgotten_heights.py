@@ -75,3 +75,23 @@ def test_an_anchor_that_stands_elsewhere_isnt_taken_for_a_height():
     (found,) = suspected(right, wrong)
     assert found.kind == "place"
     assert "anchor north stands near (1.0, 4.5)" in found.text
+
+
+@pytest.mark.slow
+def test_amplitudes_that_go_by_slant_ranges_arent_doubted_beside_the_heights():
+    """By lengths on the plan they look like decibels: nearer to an anchor they fall behind."""
+    room = gs.Scene.load("room")
+    table = gs.simulate(room, "agent1", 31)
+    long = np.hypot(table.distance_m, 2.4)
+    heights = replace(table, distance_m=long, amplitude=table.amplitude * table.distance_m / long)
+    assert not [line for line in named(heights, room) if line.startswith("amplitude")]
+
+
+@pytest.mark.slow
+def test_distances_in_the_plan_are_named_where_the_scene_has_heights():
+    right = heard(height_m=0.3)
+    rise = np.array([2.5, 1.0, 1.8])[right["anchor"]] - 0.3
+    flat = np.sqrt(np.maximum(right["distance_m"] ** 2 - rise**2, 0.01))
+    (found,) = suspected(right | {"distance_m": flat}, lab(height_m=0.3))
+    assert (found.column, found.kind) == ("distance_m", "plan")
+    assert "distances in the plan" in found.text

@@ -126,10 +126,10 @@ def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
     result = say("export", "map.h5", "-o", "robot")
     assert (result.code, result.complaints) == (0, [])
     assert set(os.listdir("robot")) == {
-        "keep.txt", "map.yaml", "map.pgm", "reflection.yaml", "reflection.pgm",
+        "keep.txt", "map.yaml", "map.pgm", "map.png", "reflection.yaml", "reflection.pgm",
         "occupancy.png", "reflection.png", "cells.csv", "surfaces.csv", "surfaces.geojson",
     }  # fmt: skip
-    for name in ("occupancy", "reflection"):
+    for name in ("map", "occupancy", "reflection"):
         assert Path(f"robot/{name}.png").read_bytes().startswith(b"\x89PNG")
     rows = Path("robot/surfaces.csv").read_text().splitlines()[1:]
     assert {float(row.split(",")[0]) for row in rows} == set(mapped[1].map.surfaces.identity.tolist())

@@ -8,7 +8,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.checks import range_note
-from gridslam.cli.doubts import fit_notes, start_notes
+from gridslam.cli.doubts import absurd_notes, fit_notes, start_notes
 from gridslam.estimates import Health
 from gridslam.inference.health import reasons
 from gridslam.world.start import Start
@@ -43,3 +43,12 @@ def test_a_start_out_of_its_prior_is_told_if_first_poses_are_known(first_m, seco
     run = SimpleNamespace(agent="agent1", estimates=estimates, began=Start(told, 0.0))
     notes = start_notes(ROOM, [run])
     assert [("1.0 m from the told start" in note) for note in notes] == [True] * said
+
+
+def test_deviations_in_degrees_are_told_of_any_run():
+    measurements = gs.simulate(ROOM, "agent1", seed=12)
+    right = np.full(len(measurements.step), 0.06)
+    run = SimpleNamespace(agent="agent1")
+    assert absurd_notes([run], [replace(measurements, aoa_std_rad=right)]) == []
+    (note,) = absurd_notes([run], [replace(measurements, aoa_std_rad=np.degrees(right))])
+    assert note.startswith("agent1: suspect: aoa_std_rad: degrees, where radians belong")

@@ -90,3 +90,8 @@ def _way():
     track = np.cumsum(np.stack([np.cos(facing), np.sin(facing)], -1), 0) * fine[1]
     near = np.searchsorted(fine, at)
     return np.column_stack([track[near] + (1.6, 1.3), facing[near]])
+
+
+def heard_facing(names=tuple(ANCHORS)):
+    """Headings in the world, rad, of the rows of such a table."""
+    return _way()[heard(names)["step"], 2]

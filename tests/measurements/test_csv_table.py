@@ -62,6 +62,8 @@ def test_ranging_alone_is_a_table_of_four_columns(tmp_path):
     [
         ("", "", "empty file"),
         (HEADER, "", "no rows"),
+        (f"{ROW}\n{ROW}", ": line 1", "no header"),
+        (ROW.replace(",", ";").replace(".", ","), ": line 1", "no header"),
         (HEADER.replace("aoa_rad", "aoa_grad") + f"\n{ROW}", ": line 1", "aoa_rad"),
         (HEADER + ",aoa_deg\n" + ROW + ",0", ": line 1", "columns 'aoa_rad' and 'aoa_deg'"),
         (HEADER.replace("aoa_rad", "aoa_deg") + "\n0,0,A,1,0,361,3", ": line 2: aoa_deg", "degrees, 360"),

@@ -1,6 +1,7 @@
 """Runs that are interrupted and gone on with end as if they never had been; nothing of them is lost."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -189,6 +190,11 @@ def test_unfinished_run_that_was_to_replace_another_is_told_and_resumed(tiny, wh
     reason = refused(tiny, *RUN, "-o", "out")
     assert "an unfinished run to replace it" in reason
     assert "gridslam run --resume out" in reason
+    for asked in (("check", "out"), ("export", "out", "-o", "robot")):
+        result = tiny(*asked)
+        assert result.code == 0
+        assert "an unfinished run that was to replace this one waits" in " ".join(result.err.split())
+    shutil.rmtree("robot")
     assert tiny("run", "--resume", "out").code == 0
     same_runs(whole(), "out")
 

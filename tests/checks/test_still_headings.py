@@ -1,0 +1,44 @@
+"""What `check` says of arrivals by which the agent never looks where it goes, or always faces one way."""
+
+import numpy as np
+import pytest
+from lab_samples import ANCHORS, heard, heard_facing, lab, suspected
+
+from gridslam.checks.verdict import verdict
+from gridslam.world.geometry import wrap
+
+NAMES = tuple(ANCHORS)
+
+
+def arriving(turned):
+    """The table with other arrivals, made of its own and of the headings in the world."""
+    right = heard(NAMES)
+    return right | {"aoa_rad": wrap(turned(right["aoa_rad"], heard_facing(NAMES)))}
+
+
+@pytest.mark.slow
+def test_compass_bearings_are_named_as_such():
+    """Read clockwise they fit a start that faces north."""
+    table = arriving(lambda own, facing: np.pi / 2 - own - facing)
+    (found,) = suspected(table, lab(NAMES, walls=True, start_heading_deg=90.0))
+    assert (found.column, found.kind) == ("aoa_rad", "world frame")
+    assert "clockwise from north (compass bearings)" in found.text
+
+
+@pytest.mark.slow
+def test_a_heading_that_stays_while_the_way_turns_is_suspected():
+    table = arriving(lambda own, facing: own + facing - np.radians(70))
+    (found,) = suspected(table, lab(NAMES, walls=True, start_heading_deg=70.0))
+    assert (found.column, found.kind, found.certain) == ("aoa_rad", "world frame", False)
+    assert "nothing is wrong if it does" in found.reason
+    assert suspected(heard(NAMES), lab(NAMES, walls=True)) == []
+
+
+@pytest.mark.slow
+def test_a_sideways_array_that_fits_its_told_heading_is_noted():
+    table = arriving(lambda own, _: own + np.pi / 2)
+    order = np.arange(len(NAMES))
+    turned = verdict(table, order, lab(NAMES, walls=True, start_heading_deg=-90.0), "me")
+    assert "units and frames fit the scene" in turned
+    assert "the agent goes to its left all the way" in turned
+    assert "all the way" not in verdict(heard(NAMES), order, lab(NAMES, walls=True), "me")
