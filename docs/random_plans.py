@@ -3,8 +3,9 @@
 Each seed draws a plan (7 to 18 m, slanted or missing outer walls, partitions, a pillar; four materials), one
 to three anchors and a way through it, and prints one line: errors, the bound of a filter that doesn't know
 the walls, squared errors over claimed variances (2 is right), steps at which health complains, and steps that
-are wrong in silence. Methods: grid and adaptive on paths, direct_grid on samples of 3 x 3 arrays, and
-network_grid with two agents, three anchors whose clocks nobody set, and no labels.
+are wrong in silence. Methods: grid and adaptive on paths, direct_grid on samples of 3 x 3 arrays, hybrid on
+those of 2 x 2 at the agent alone, and network_grid with two agents, three anchors whose clocks nobody set,
+and no labels.
 """
 
 from __future__ import annotations
@@ -31,6 +32,14 @@ frequencies = 49
 frequency_step_hz = 12.5e6
 fading = "steady"
 array = { rows = 3, columns = 3, spacing_wavelengths = 0.4 }"""
+AGENT_ARRAY = """
+frequencies = 81
+frequency_step_hz = 1e7
+fading = "steady"
+array = { rows = 1, columns = 1 }
+false_alarms = 0.1"""
+OF_AGENT = "array = { rows = 2, columns = 2, spacing_wavelengths = 0.5 }\nheading_sensor_deg = 1.0\n"
+SIGNAL = {"direct_grid": ARRAYS, "hybrid": AGENT_ARRAY}
 CLOCKS = "[clocks]\nanchor_prior_ns = 100.0\nagent_prior_ns = 1.75\nwalk_ns = 0.05\n"
 WINDOW = "\nwindow_m = [-45.0, 95.0]\nmax_distance_m = 95.0"
 
@@ -150,10 +159,10 @@ def scene_of(seed: int, snr_db: float, method: str) -> gs.Scene:
     NoPlan
     """
     network = method.startswith("network")
-    steps = {"direct_grid": 120, "network": 150, "network_grid": 150}.get(method, 250)
+    steps = 120 if method in SIGNAL else 150 if network else 250
     draw, clock = np.random.default_rng(seed + 77000), np.random.default_rng(seed + 5)
     plan = drawn(draw, steps, 3 if network else None)
-    extra = WINDOW if network else ARRAYS if method == "direct_grid" else ""
+    extra = WINDOW if network else SIGNAL.get(method, "")
     text = [
         f'name = "plan{seed}"\n[radio]{extra}\nsnr_at_1m_db = {snr_db}\n[grid]\ncell_m = 0.1',
         *(f"{axis}_m = [-2.0, {round(side + 2)}.0]" for axis, side in zip("xy", plan.side, strict=True)),
@@ -168,7 +177,7 @@ def scene_of(seed: int, snr_db: float, method: str) -> gs.Scene:
     for number, ((ax, ay), (bx, by)) in enumerate(plan.walls):
         text.append(f'[[walls]]\nname = "w{number}"\nmaterial = "{list(MATERIALS)[draw.integers(4)]}"')
         text.append(f"points_m = [[{ax}, {ay}], [{bx}, {by}]]")
-    text.append(agent("agent1", plan.way, steps))
+    text.append(agent("agent1", plan.way, steps) + (OF_AGENT if method == "hybrid" else ""))
     text.append(agent("agent2", plan.way[::-1], steps) if network else "")
     text.append("[filter]\nparticles = 2000")
     with tempfile.TemporaryDirectory() as folder:
@@ -183,7 +192,7 @@ def runs(scene: gs.Scene, seed: int, method: str) -> dict[str, Any]:
     if len(names) > 1:
         heard = gs.simulate(scene, names, seed, unlabelled=True)
         return dict(gs.map_network(scene, heard, method=method, seed=seed, starts="exact").runs)
-    what = {"what": "signal"} if method == "direct_grid" else {}
+    what = {"what": "signal"} if method in SIGNAL else {}
     heard = gs.simulate(scene, names[0], seed, **what)
     return {names[0]: gs.map_scene(scene, heard, method=method, seed=seed, start="exact")}
 

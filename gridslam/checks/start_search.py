@@ -137,9 +137,8 @@ def other_start(
             return Suspicion("agent", "second device", text, True, told), own
         text = f"the table of {name}, by where it begins (--agent {name})"
         sure = sight.evidence > best.evidence + RIVAL
-        return Suspicion(
-            "agent", "agent", text, sure, _reason(table, scene, agent, name, plain, sight)
-        ), sight
+        told = _reason(table, scene, agent, name, plain, sight)
+        return Suspicion("agent", "agent", text, sure, told), sight
     if sight is None:
         return None
     body = scene.agent(agent)

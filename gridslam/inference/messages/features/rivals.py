@@ -19,7 +19,7 @@ from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import predict
 from gridslam.inference.messages.features.proposals import surveys, with_proposals
 from gridslam.inference.messages.features.seeding import LEAST_GAIN
-from gridslam.inference.messages.features.strangers import update_beside_strangers as update
+from gridslam.inference.messages.features.strangers import update_beside_strangers
 from gridslam.inference.messages.features.ways import apart, drifted, moved_starts, spread_m
 from gridslam.inference.state.features.features import ENTRIES, MOVING, places
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
@@ -313,7 +313,7 @@ def replay(
     for k in range(len(segment)):
         if earlier is not None:
             belief = predict(belief, segment.time_s[k] - earlier, model.settings.acceleration_mps2)
-        belief, evidence[k] = update(
+        belief, evidence[k] = update_beside_strangers(
             belief, segment.samples[k], segment.heard[k], segment.heading_rad[k], model, first_step + k,
             segment.agent[k] if led else None,
         )  # fmt: skip

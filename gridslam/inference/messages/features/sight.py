@@ -30,8 +30,6 @@ BLUR_S = 0.1
 """Time of motion by which the agent's covariance is blurred: a particle stands for its surroundings."""
 START, MOVE, RESAMPLE, NARROW = 1, 2, 3, 4
 """Purposes of random numbers."""
-
-
 ENOUGH, KEPT, NARROWED, WIDER = 0.03, 0.1, 12, 1.5
 """Share of the particles that has to count; of those that do when others are drawn about them; how many times
 at most; and their variance, in that of the ones that count."""
@@ -189,7 +187,7 @@ def _received(
     particles: ParticleBelief, anchor: int, belief: JointBelief, samples: Complex, table: Tables,
     heading_rad: float, front: Front, model: SignalModel, bounded: bool,
 ) -> Received:  # fmt: skip
-    """Of one anchor."""
+    """What one anchor's samples (N, M) say of every particle, with and without a line of sight."""
     agent, noise, node = particles.agent, particles.noise[anchor], particles.node[anchor]
     points = np.column_stack([agent[:, :2], np.full(len(agent), heading_rad), noise])
     known = feature_table(belief, anchor)
@@ -219,6 +217,13 @@ def concentrated(
     Where few of those that are predicted do, others are drawn from a Gaussian about them, which narrows by as
     much as leaves enough [Cappe2004population]. Their prior is that of the predicted ones' moments then, and
     noise is as the samples have it.
+
+    Parameters
+    ----------
+    heard : list of int
+        Anchors, in the order of what `evaluate` returns: what each one's samples say of given particles.
+    seed, step : int
+        Of the random numbers.
     """
     agent, found = particles.agent, evaluate(particles)
     kept, base = KEPT * len(agent), np.zeros(len(agent))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.features.arrivals import COST
 from gridslam.inference.messages.features.joint_update import update
 from gridslam.inference.messages.features.path_products import paths_at
 from gridslam.inference.messages.features.regaining import responses, spectra, steering
@@ -24,8 +25,8 @@ Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 SURPRISE = 30.0
 """Nats by which a step's evidence is below what its noise lets expect where a path is looked for."""
-COST, MOST = 12.0, 2
-"""Nats that each path of a step costs, and how many times they are looked for."""
+MOST = 2
+"""Times that paths are looked for."""
 BESIDE_M, APART_M, DIRECTIONS = 1.2, 0.1, 36
 """How far from the lengths of known paths they are looked for, how close to each other, and in how many
 directions."""
