@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from gridslam.inference.management.features.feature_tables import with_features
-from gridslam.inference.management.features.hybrid_info import HybridInfo, conclude
+from gridslam.inference.management.features.hybrid_info import SIGHTS, HybridInfo, conclude
 from gridslam.inference.messages.features.feature_likelihood import require_hybrid
 from gridslam.inference.messages.features.following import (
     counted,
@@ -50,7 +50,8 @@ def start(model: SignalModel, prior: Map | None = None) -> HybridState:
         known = given_features(prior, model)
         belief = with_features(belief, known.table, known.covariance, model.anchor_positions)
     empty = Segment.empty(anchors, elements, frequencies)
-    return HybridState(belief, belief, empty, next_identity=len(belief.features))
+    given = len(belief.features)
+    return HybridState(belief, belief, empty, next_identity=given, sights=SIGHTS if given else 0)
 
 
 def step(

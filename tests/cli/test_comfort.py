@@ -247,7 +247,9 @@ def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say):
     assert "note: agent1: what was heard doesn't fit the true track: " in result.out
     notes = json.loads(Path("out/run.json").read_text())["notes"]
     told = [line.removeprefix("note: ") for line in result.out.splitlines() if line.startswith("note: ")]
-    assert [line in told for line in notes] == [True] * 4, "another start fits as well, and who looks"
+    assert [line in told for line in notes] == [True] * 5, (
+        "another start fits as well, and steps that are wrong in silence"
+    )
     assert notes[0].startswith("agent1: lost: ")
     assert told[:3] == notes[:3], "what is suspected comes before what follows from it"
     assert len(told) > len(notes)

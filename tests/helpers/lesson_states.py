@@ -34,3 +34,19 @@ def state_after(points, powers, seed, elsewhere_from=STEPS, spread=(0.1, 0.1, 0.
 
 def lesson_of(state, model):
     return Lesson.of(state, state.segment, JUDGED, Front(model.waveform), model)
+
+
+def hidden_start(seed, velocity, steps=10, seconds=0.5):
+    """A state after its first steps, without a line of sight, and the agent's way past three mirrors."""
+    model, draw = signal_model(spread=(0.1, 0.1, 0.5, 0.5)), np.random.default_rng(seed)
+    belief = JointBelief(
+        model.start_mean[:4], np.diag(model.start_variance[:4]), FeatureBank.empty(), np.array([0.1]),
+        np.array([LOS_POWER]), np.ones(1),
+    )  # fmt: skip
+    points = [MIRROR, np.array([2.0, -7.0, 0.0]), np.array([8.0, 5.0, 0.0])]
+    segment, audible = Segment.empty(1, 4, 41), np.array([True])
+    way = seconds * np.arange(steps)[:, None] * np.asarray(velocity)
+    for k, place in enumerate(way):
+        z = received(model, place, 0.0, points, [900.0, 600.0, 800.0], draw)
+        segment = segment.add(seconds * k, 0.0, audible, z, np.zeros(4), 0.0)
+    return HybridState(belief, belief, segment, step=steps, time_s=seconds * (steps - 1)), model, way

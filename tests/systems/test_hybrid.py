@@ -11,7 +11,9 @@ import gridslam as gs
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE
+from gridslam.inference.health.reasons import UNSIGHTED
 from gridslam.inference.health.signal_watch import EARLY
+from gridslam.inference.messages.features.lessons import SETTLED
 from gridslam.maps.frames import fitted
 from gridslam.maps.fusion import fuse
 from gridslam.runs.calibrate import calibrate
@@ -270,3 +272,18 @@ def test_scattered_paths_as_strong_as_the_sight_do_not_carry_the_agent_off_at_th
     assert len(state.before.features) == 0, "they are for the time being"
     assert len(state.segment) == 16
     assert state.next_identity > state.joint.features.identity.max()
+
+
+@pytest.mark.slow
+def test_who_begins_hidden_says_so_until_a_line_of_sight_was_heard(screen, recording):
+    """And hears it when it comes, though it never was: its power isn't that of the noise about the start."""
+    slam, truth = HybridSlam(screen, seed=1, waveform=recording.waveform), screen.track("agent1")
+    first, shown = HIDDEN.start, HIDDEN.stop - HIDDEN.start
+    slam.start_at(truth.position_m[first], float(truth.heading_rad[first]))
+    scans = list(recording)[first : HIDDEN.stop + 12]
+    whole = [slam.step(scan) for scan in scans]
+    off = [np.hypot(*(one.position_m - truth.position_m[first + k])) for k, one in enumerate(whole)]
+    assert len(slam.map().features)
+    assert all(UNSIGHTED in one.health.why for one in whole[SETTLED:shown])
+    assert all(one.health.ok for one in whole[-5:])
+    assert max(off[-5:]) < 0.2 < max(off[SETTLED:shown])

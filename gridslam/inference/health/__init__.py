@@ -34,6 +34,11 @@ reason              said when                                   by              
 `early`             at over a quarter of the latest steps a     `early_watch.arrives_early`      (M525)
                     loud path is shorter than the line of
                     sight to the one place believed in
+`UNSIGHTED`         features were learned, and lines of sight   `signal_watch.assess_particles`  section 15
+                    heard at fewer than 3 steps (hybrid SLAM)
+`leapt`             up to 99 steps ago it was moved by over     `signal_watch.assess_particles`  (M529)
+                    half a metre and five of its deviations
+                    (hybrid SLAM)
 `crowded`           over 30 loud paths of one anchor            `monitor.HealthMonitor.assess`   section 9
 `left_out`          over 24 surfaces are in sight               `monitor`; of networks           section 9
                                                                 `management.network.merging`

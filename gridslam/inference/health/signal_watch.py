@@ -12,7 +12,7 @@ from gridslam.estimates import Health
 from gridslam.inference.beliefs.belief import diagonal_together
 from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.health import reasons
-from gridslam.inference.health.monitor import MISFIT, SILENT, VAGUE_M, innovation_band
+from gridslam.inference.health.monitor import DISTRUSTED, MISFIT, SILENT, VAGUE_M, innovation_band
 
 LEAST_EXPLAINED = 0.2
 """Share of the received power that paths of the joint belief explain as long as the agent is followed."""
@@ -111,8 +111,9 @@ class SignalWatch:
 
 
 def assess_particles(
-    spread_m: float, effective: float, silent: int, early: float, anchors: int, by_particles: bool
-) -> Health:
+    spread_m: float, effective: float, silent: int, early: float, anchors: int, by_particles: bool,
+    unsighted: bool = False, leap: tuple[float, int] = (0.0, DISTRUSTED),
+) -> Health:  # fmt: skip
     """Whether hybrid SLAM still knows its agent.
 
     Parameters
@@ -125,6 +126,10 @@ def assess_particles(
         Steps for which nothing has been heard.
     early : float
         Share of the latest steps at which something arrived before a line of sight.
+    unsighted : bool
+        Whether features tell where it is that were learned before any line of sight was heard.
+    leap : (float, int)
+        By how far it was moved last as no motion does, and how many steps ago.
     """
     found = []
     if silent >= SILENT:
@@ -135,6 +140,10 @@ def assess_particles(
         found.append(reasons.few_particles(effective))
     if early > EARLY:
         found.append(reasons.early(early))
+    if unsighted:
+        found.append(reasons.UNSIGHTED)
+    if leap[1] < DISTRUSTED:
+        found.append(reasons.leapt(*leap))
     return Health(
         not found, "; ".join(found), effective, clutter=np.zeros(anchors), turned_rad=np.zeros(anchors),
         silent_steps=silent,

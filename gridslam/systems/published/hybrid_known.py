@@ -15,7 +15,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SCATTERER, FeatureEstimate, SurfaceEstimate
 from gridslam.inference.management.features.feature_tables import with_features
-from gridslam.inference.management.features.hybrid_info import HybridInfo, conclude
+from gridslam.inference.management.features.hybrid_info import SIGHTS, HybridInfo, conclude
 from gridslam.inference.management.features.surface_features import image_features
 from gridslam.inference.messages.features.following import (
     counted,
@@ -135,5 +135,7 @@ class KnownHybridSlam(HybridFilter):
         super().__init__(scene, prior_map, agent, seed, same_frame, waveform)
         table, joint = true_features(scene, self.model)
         belief = with_features(self.state.joint, table, joint, self.model.anchor_positions)
-        state = replace(self.state, joint=belief, before=belief, next_identity=len(belief.features))
+        state = replace(
+            self.state, joint=belief, before=belief, next_identity=len(belief.features), sights=SIGHTS
+        )
         self.now = self.now._replace(believed=state)

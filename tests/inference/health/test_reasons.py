@@ -7,6 +7,8 @@ from pathlib import Path
 import gridslam
 from gridslam.inference import health
 from gridslam.inference.health import reasons
+from gridslam.inference.health.monitor import DISTRUSTED
+from gridslam.inference.health.reasons import UNSIGHTED, leapt
 from gridslam.inference.health.signal_watch import EARLY, FEW, assess_particles
 
 PACKAGE = Path(gridslam.__file__).parent
@@ -52,3 +54,6 @@ def test_hybrid_slam_says_what_is_amiss_with_its_particles():
     assert amiss.why.split("; ") == reasons
     assert not amiss.ok
     assert len(amiss.turned_rad) == 2
+    moved = assess_particles(0.1, 100.0, 0, 0.0, 2, by_particles=False, unsighted=True, leap=(1.23, 7))
+    assert moved.why == f"{UNSIGHTED}; {leapt(1.23, 7)}"
+    assert assess_particles(0.1, 100.0, 0, 0.0, 2, by_particles=False, leap=(1.23, DISTRUSTED)).ok

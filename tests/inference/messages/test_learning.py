@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lesson_states import LOS, LOS_POWER, MIRROR, SCATTERER, STEPS, lesson_of, state_after
+from lesson_states import LOS, LOS_POWER, MIRROR, SCATTERER, STEPS, hidden_start, lesson_of, state_after
 
 from gridslam import runtime
 from gridslam.inference.messages.features import rivals
@@ -34,7 +34,7 @@ from gridslam.inference.messages.features.seeding import (
     NONE_M,
     SCATTERED,
 )
-from gridslam.inference.messages.features.settling import beginning
+from gridslam.inference.messages.features.settling import SIGHTED_STEPS, beginning
 from gridslam.inference.messages.features.ways import BESIDE_STD, STARTS, drifted, moved_starts
 from gridslam.inference.state.features.features import MOVING, entries, places
 
@@ -350,5 +350,19 @@ def test_features_of_the_first_step_have_the_extent_of_a_crowd_where_ten_steps_s
 
     monkeypatch.setattr(Lesson, "rivals", rivals_of)
     monkeypatch.setattr(Lesson, "best", lambda self, sets, ways, price: sets[0])
-    beginning(state, state.segment, Front(model.waveform), model)
+    beginning(replace(state, sights=SIGHTED_STEPS), state.segment, Front(model.waveform), model)
     assert asked == [(0.0, True), (CROWD_EXTENT_M, 1)]
+
+
+@pytest.mark.slow
+def test_who_begins_hidden_finds_its_way_by_straight_ones():
+    """Particles without a line of sight stand still: features proposed along that lead astray."""
+    right = np.zeros(2, int)
+    for seed in range(4):
+        for velocity in ((0.6, -0.5), (-0.7, 0.2), (0.1, 0.9)):
+            state, model, way = hidden_start(seed, velocity)
+            for k, sights in enumerate((0, SIGHTED_STEPS)):
+                begun = replace(state, sights=sights)
+                found = beginning(begun, state.segment, Front(model.waveform), model)
+                right[k] += np.hypot(*(found.track[-1, :2] - way[-1])) < 0.3
+    assert right[0] >= max(8, right[1] + 2), right

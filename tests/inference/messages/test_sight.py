@@ -118,6 +118,15 @@ def test_the_start_finds_noise_and_power_at_any_scale(scale):
     assert 0.5 < los_power(found)[0] / (3000 * scale**2) < 2
 
 
+def test_power_is_that_of_the_loudest_path_where_the_start_is_hidden():
+    """Not that of the noise where the line of sight would arrive: it would never be heard when it does."""
+    model, draw = signal_model(), np.random.default_rng(2)
+    z = received(model, (0, 0), 0.4, [IMAGE], [1500.0], draw)
+    tables = [Front(model.waveform).tables(z)]
+    cloud = start_particles(rescaled(prior(model), tables, AUDIBLE), tables, AUDIBLE, model, 1)
+    assert 1500 < cloud.node[0, -1] < 10 * 1500
+
+
 def test_powers_of_handed_over_features_follow_the_scale_of_the_samples():
     model, draw = signal_model(), np.random.default_rng(2)
     z = 100 * received(model, (0, 0), 0.4, [LOS], [300.0], draw)

@@ -15,6 +15,9 @@ from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
 
+SIGHTS = 3
+"""Steps at which a line of sight has to have been heard for features to be believed."""
+
 
 @dataclass(frozen=True, eq=False)
 class HybridInfo:
@@ -62,8 +65,9 @@ def conclude(
         existence, power, noise = cloud.existence, los_power(cloud), cloud.noise.mean(1)
     spread_m = float(np.sqrt(np.trace(moments.covariance[:2, :2])))
     health = assess_particles(
-        spread_m, moments.effective, state.silent, state.early, len(existence), cloud is not None
-    )
+        spread_m, moments.effective, state.silent, state.early, len(existence), cloud is not None,
+        bool(len(joint.features)) and state.sights < SIGHTS, (state.leap_m, state.since_leap),
+    )  # fmt: skip
     return HybridInfo(
         moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,
         noise, moments.log_evidence, learned, health, seconds,

@@ -17,12 +17,14 @@ from gridslam.inference.messages.features.path_products import LEAST_M
 from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.messages.features.strangers import update_beside_strangers
 from gridslam.inference.state.features.features import MOVING
-from gridslam.inference.state.features.hybrid_state import HybridState
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
 DEVIATIONS = 3.0
 """Of a line of sight's length, that it may be shorter than believed."""
+LEAP_M, LEAP = 0.5, 5.0
+"""How far, in m and in its deviations, an agent has to be moved for its place before to have been wrong."""
 START_STEPS = 10
 """For which particles look for the agent; then the joint belief goes through them again."""
 
@@ -93,7 +95,17 @@ def follow_jointly(state: HybridState, got: Snapshot, model: SignalModel) -> tup
         state.joint, got.samples, got.heard, got.heading_rad, model, state.step
     )
     moments = Moments(joint.mean[:MOVING], joint.agent_covariance, evidence, np.inf)
-    return replace(state, joint=joint), moments
+    return leapt(replace(state, joint=joint), state.joint, joint), moments
+
+
+def leapt(state: HybridState, before: JointBelief, after: JointBelief) -> HybridState:
+    """The state with how far its agent was moved, if that was farther than it can have moved, (M529)."""
+    shift = after.mean[:2] - before.mean[:2]
+    squared = float(shift @ np.linalg.solve(before.agent_covariance[:2, :2], shift))
+    far = float(np.hypot(*shift))
+    if far < LEAP_M or squared < LEAP**2:
+        return state
+    return replace(state, leap_m=far, since_leap=-1)
 
 
 def remember(state: HybridState, got: Snapshot, moments: Moments) -> HybridState:
@@ -122,4 +134,7 @@ def counted(
         spread = float(np.sqrt(way @ moments.covariance[:2, :2] @ way)) / max(far, LEAST_M)
         early |= Arrivals.of(got.samples[j], front).before(far - DEVIATIONS * spread)
     share = state.early + (1 - KEEP) * (early - state.early) * (early or seen)
-    return replace(state, step=state.step + 1, silent=silent, early=share)
+    return replace(
+        state, step=state.step + 1, silent=silent, early=share, sights=state.sights + seen,
+        since_leap=state.since_leap + 1,
+    )  # fmt: skip

@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import SIGHTED
-from gridslam.inference.messages.features.rivals import CLEAR, Lesson, usual_prices
+from gridslam.inference.messages.features.rivals import CLEAR, Lesson, best_of, usual_prices
+from gridslam.inference.messages.features.settling import SIGHTED_STEPS, beginnings
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
@@ -44,6 +46,12 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
             best, price = rival, kind
     assert best is not None
     best = lesson.best([best], [segment], price)
+    if not old and state.sights < SIGHTED_STEPS and state.before_s is None:
+        # the first steps alone left several ways open
+        begun_so = beginnings(replace(state, step=START_STEPS), segment.first(START_STEPS), front, model)
+        ways = [replace(segment, agent=lesson.judge(one.start, segment).track) for one in begun_so]
+        others = [lesson.rivals(way, state.joint, price[None], other=best)[0] for way in ways]
+        best = best_of([best, lesson.best(others, ways, price)])
     if not old and best.joint.extent > 0 and not best.placed:
         best = lesson.best(*lesson.elsewhere(best, segment, price), price)
     proposed, gain = len(best.joint.features) - old, float((best.evidence - segment.evidence)[-JUDGED:].sum())

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from gridslam import runtime
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.following import START_STEPS
+from gridslam.inference.messages.features.following import START_STEPS, leapt
 from gridslam.inference.messages.features.learning import Learned, begun, learn
 from gridslam.inference.messages.features.rivals import replay
 from gridslam.inference.messages.features.settling import settle
@@ -71,6 +71,8 @@ def take_up(
     since = state.segment.last(state.step - lesson.step)
     joint, evidence, track = replay(after.joint, since, lesson.time_s, lesson.step, model, led=False)
     since = replace(since, agent=track, evidence=evidence)
+    if state.particles is None:
+        state = leapt(state, state.joint, joint)
     collected = after.segment  # of particles the segment goes on, else it began anew
     return replace(
         state, joint=joint, before=after.before, before_s=after.before_s, segment=collected.joined(since),

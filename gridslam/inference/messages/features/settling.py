@@ -13,10 +13,23 @@ import numpy as np
 
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.rivals import CLEAR, Lesson, Rival, best_of, usual_prices
+from gridslam.inference.messages.features.rivals import (
+    CLEAR,
+    FOLLOWED,
+    Lesson,
+    Rival,
+    best_of,
+    usual_prices,
+)
+from gridslam.inference.messages.features.ways import apart, straight_ways
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState, Segment
 from gridslam.world.signal_model import SignalModel
+
+SIGHTED_STEPS = 5
+"""Of the first steps, at which a line of sight has to be heard for particles to tell the agent's way."""
+OTHER_M, MOST = 0.3, 4
+"""How far apart ways of the first steps have to be to be followed up beside each other, and how many."""
 
 
 def settle(state: HybridState, front: Front, model: SignalModel) -> HybridState:
@@ -46,6 +59,11 @@ def settle(state: HybridState, front: Front, model: SignalModel) -> HybridState:
 
 def beginning(state: HybridState, segment: Segment, front: Front, model: SignalModel) -> Rival:
     """The set of features, on top of those that are known, that explains the first steps best."""
+    return beginnings(state, segment, front, model)[0]
+
+
+def beginnings(state: HybridState, segment: Segment, front: Front, model: SignalModel) -> list[Rival]:
+    """Sets that may explain the first steps, the best first; one where a line of sight tells the way."""
     before, lesson = state.before, Lesson.of(state, segment, 0, front, model)
     price = usual_prices(before, model)[:1]  # so short a track doesn't tell kinds apart
     plain = lesson.judge(before, segment)
@@ -54,4 +72,20 @@ def beginning(state: HybridState, segment: Segment, front: Front, model: SignalM
     # one step shows few features: where ten show a crowd, these stand for one, too
     alike = replace(lesson, before=replace(before, extent=begun[0].joint.extent))
     begun += alike.rivals(still, before, price, still.first(1))
-    return best_of([plain, alike.best(begun, [segment, still], price[0])])
+    best = best_of([plain, alike.best(begun, [segment, still], price[0])])
+    if len(before.features) or state.sights >= SIGHTED_STEPS:
+        return [best]
+    ways = straight_ways(segment, before)
+    tried = [lesson.rivals(way, before, price, other=best)[0] for way in ways]
+    order = np.argsort([-one.score for one in tried], kind="stable")[:FOLLOWED]
+    climbed = lesson.best([tried[k] for k in order], [ways[k] for k in order], price[0])
+    return distinct([best, climbed, *begun, *tried])
+
+
+def distinct(rivals: list[Rival]) -> list[Rival]:
+    """The best of several sets, each of which leads another way."""
+    found = list[Rival]()
+    for one in sorted(rivals, key=lambda one: -one.score):
+        if one.score > -np.inf and all(apart(one.track, other.track) > OTHER_M for other in found):
+            found.append(one)
+    return found[:MOST]

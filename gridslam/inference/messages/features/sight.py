@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.features.arrivals import Arrivals
+from gridslam.inference.messages.features.arrivals import COST, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.presence import APPEARS, STAYS
 from gridslam.inference.state.features.features import MOVING, places
@@ -22,7 +22,7 @@ from gridslam.world.signal_model import SignalModel
 
 Complex = NDArray[np.complex128]
 NODES, DECADES_BELOW, DECADES_ABOVE = 16, 1.5, 0.5
-"""Of the grid over the line of sight's power, about what is received near the start."""
+"""Of the grid over the line of sight's power, about that of the loudest path, at 1 m: none is louder."""
 SHAPE = 100.0
 """Of the gamma densities by which powers drift: a tenth per step."""
 NOISE_WITHIN = 3.0
@@ -70,13 +70,13 @@ def start_particles(
     count, anchors = model.settings.particles, len(model.anchors)
     root = np.linalg.cholesky(belief.agent_covariance)
     agent = belief.mean[:MOVING] + draw.standard_normal((count, MOVING)) @ root.T
-    reach = 3 * np.sqrt(np.trace(belief.agent_covariance[:2, :2]) / 2)
     level, power = belief.noise, np.ones(anchors)
     for j in np.flatnonzero(audible):
         square = _squares(tables[j])
+        over = square.mean(0) / level[j]
+        heard = len(square) * (over - 1 - np.log(np.maximum(over, 1))) > COST
         distance = np.linspace(0, model.waveform.folding_m, square.shape[1])
-        near = np.abs(distance - np.hypot(*(model.anchors[j, :2] - belief.mean[:2]))) < reach
-        power[j] = max((square.mean(0) * distance**2)[near].max(initial=0.0), level[j])
+        power[j] = level[j] * (over * distance**2)[heard].max(initial=1.0)
     span = np.log(NOISE_WITHIN)
     noise = level[:, None] * np.exp(draw.uniform(-span, span, (anchors, count)))
     node = power[:, None] * np.logspace(-DECADES_BELOW, DECADES_ABOVE, NODES)

@@ -15,6 +15,9 @@ from gridslam.world.signal_model import SignalModel
 STARTS, BESIDE_STD = 8, 2.0
 """Starts about the one that is believed that are tried in a crowd; how far off, in its deviations."""
 
+SPEEDS, HEADINGS = (0.6, 1.5), 8
+"""Of straight ways: speeds, in the deviation of what it is along an axis, and in how many directions each."""
+
 
 def spread_m(belief: JointBelief) -> float:
     """Deviation of the agent's place, along either axis, m."""
@@ -39,6 +42,18 @@ def moved_starts(segment: Segment, before: JointBelief) -> list[Segment]:
     shift[:, 0, :2] = reach * np.stack([np.cos(angle), np.sin(angle)], 1)
     shift[..., :2] += before.mean[:2] - segment.agent[0, :2]
     return [replace(segment, agent=segment.agent + one) for one in shift]
+
+
+def straight_ways(segment: Segment, before: JointBelief) -> list[Segment]:
+    """Ways from where the agent is believed to have started, each at a speed that is as likely."""
+    speed = float(np.sqrt(np.trace(before.agent_covariance[2:, 2:]) / 2))
+    angle = 2 * np.pi * (np.arange(len(SPEEDS) * HEADINGS) + 0.5) / HEADINGS
+    size = speed * np.repeat(SPEEDS, HEADINGS)
+    velocity = before.mean[2:MOVING] + size[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+    time_s = segment.time_s - segment.time_s[0]
+    place = before.mean[:2] + velocity[:, None] * time_s[:, None]
+    ways = np.concatenate([place, np.broadcast_to(velocity[:, None], place.shape)], 2)
+    return [replace(segment, agent=way) for way in ways]
 
 
 def apart(one: Array, other: Array) -> float:

@@ -196,6 +196,10 @@ class HybridState:
         Where features are, of the published way to learn.
     early : float
         Share of the latest steps with a sight at which something arrived before it, see `following.counted`.
+    sights : int
+        Steps at which a line of sight was heard; enough from the start where an earlier agent left features.
+    leap_m, since_leap : float, int
+        By how far the agent was moved last where its motion doesn't lead, and how many steps ago.
     """
 
     joint: JointBelief
@@ -210,3 +214,6 @@ class HybridState:
     lesson: HybridState | None = None
     networks: FeatureNetworks | None = field(default=None, metadata={"later": True})
     early: float = field(default=0.0, metadata={"later": True})
+    sights: int = field(default=0, metadata={"later": True})
+    leap_m: float = field(default=0.0, metadata={"later": True})
+    since_leap: int = field(default=1_000_000, metadata={"later": True})

@@ -1,0 +1,42 @@
+"""Where an agent is moved by more than it can have gone, and ways that it may have gone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gridslam.inference.messages.features.following import leapt
+from gridslam.inference.messages.features.ways import SPEEDS, apart, straight_ways
+from gridslam.inference.state.features.features import FeatureBank
+from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
+
+
+def belief(x, deviation_m):
+    variance = np.diag([deviation_m**2, deviation_m**2, 0.04, 0.04])
+    one, none = np.ones(1), FeatureBank.empty()
+    return JointBelief(np.array([x, 2.0, 0.3, 0.0]), variance, none, one, one, one)
+
+
+@pytest.mark.parametrize(
+    ("far_m", "deviation_m", "said"),
+    [(0.6, 0.1, True), (0.4, 0.01, False), (0.6, 0.13, False), (1.4, 0.27, True)],
+)
+def test_an_agent_leaps_by_half_a_metre_and_five_deviations(far_m, deviation_m, said):
+    """0.6 m are six deviations of 0.1 m and 4.6 of 0.13; 0.4 m are too few, however sure it was."""
+    before, after = belief(1.0, deviation_m), belief(1.0 + far_m, 0.02)
+    state = HybridState(after, before, Segment.empty(1, 4, 8))
+    found = leapt(state, before, after)
+    assert (found.leap_m, found.since_leap) == (
+        (pytest.approx(far_m), -1) if said else (0.0, state.since_leap)
+    )
+
+
+def test_straight_ways_lead_from_the_start_at_likely_speeds_and_apart():
+    before, count = belief(1.0, 0.3), 6
+    empty = Segment.empty(1, 4, 8)
+    segment = replace(empty, time_s=3.0 + 0.5 * np.arange(count))
+    ways = [one.agent for one in straight_ways(segment, before)]
+    assert all((way[0, :2] == before.mean[:2]).all() for way in ways)
+    speeds = [np.hypot(*(way[-1, :2] - way[0, :2] - 2.5 * before.mean[2:])) / 2.5 for way in ways]
+    np.testing.assert_allclose(np.unique(np.round(speeds, 9)), 0.2 * np.array(SPEEDS))
+    assert min(apart(a, b) for k, a in enumerate(ways) for b in ways[:k]) > 0.2
