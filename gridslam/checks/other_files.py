@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.runs.notes import lost_note
+from gridslam.runs.notes import SUSPECT, run_notes
 from gridslam.runs.run_files import read_run
 from gridslam.runs.step_files import read_steps
 from gridslam.wording import counted
@@ -79,7 +79,7 @@ def track_line(path: Path) -> str:
 
 
 def run_line(folder: Path) -> str:
-    """A run's folder in a line, and one for each agent that was lost.
+    """A run's folder in a line, and one for all that was said of it.
 
     Raises
     ------
@@ -87,16 +87,21 @@ def run_line(folder: Path) -> str:
         It is none, or some of it can't be read.
     """
     found = read_run(folder)
-    each, lost = [], []
+    each = []
     for name, own in found.agents.items():
         score = found.summary["agents"][name]
         steps = counted(len(own.estimates), "step")
         if score.get("interrupted"):
             steps = f"cut short, {len(own.estimates)} of {counted(len(own.measurements), 'step')}"
         each.append(f"{name} ({', '.join([steps, *_found(score)])})")
-        lost.append(lost_note(name, own.trajectory, own.truth, own.estimates))
     line = f"run of {found.scene.name} by {found.summary.get('method', '?')}: {', '.join(each)}"
-    return "\n".join([line, *(f"note: {note}" for note in lost if note)])
+    return "\n".join([line, *(_as_line(note) for note in run_notes(found))])
+
+
+def _as_line(note: str) -> str:
+    """A note of a run, as `check` words it."""
+    who, _, what = note.partition(SUSPECT)
+    return f"suspect: {who}: {what}" if what else f"note: {note}"
 
 
 def _found(score: Mapping[str, Any]) -> list[str]:

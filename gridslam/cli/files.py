@@ -69,7 +69,7 @@ def check(
         _say(said)
         if (waits := waiting_note(file)) is not None:
             warnings.warn(Note(waits), stacklevel=2)
-        if "\nsuspect: " in said:
+        if "\nsuspect: " in said or ": lost: " in said:
             raise typer.Exit(1)
         return
     several = not samples and is_network(file, world if agent is None else None)
@@ -113,6 +113,7 @@ def export(
     from gridslam.importers.geojson import write_features, write_surfaces
     from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.maps.map import Map
+    from gridslam.runs.notes import grave_notes
     from gridslam.runs.parts import waiting_note
     from gridslam.runs.run_files import read_run
     from gridslam.runs.track_tables import track_columns, write_track
@@ -156,8 +157,9 @@ def export(
         raise cannot_write(shown, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    if (waits := waiting_note(map_file)) is not None:
-        warnings.warn(Note(waits), stacklevel=2)
+    for note in [waiting_note(map_file), *(grave_notes(run) if run is not None else ())]:
+        if note is not None:
+            warnings.warn(Note(note), stacklevel=2)
     if not found.free.any():
         none = "no free cells, as of methods that map none or where too little is measured"
         warnings.warn(Note(f"{map_file}: {none}: no map for a planner"), stacklevel=2)

@@ -53,7 +53,7 @@ def simulate(
     overwrite: Annotated[bool, flag("--overwrite", "replace files of these names")] = False,
 ) -> None:
     """Write what an agent would hear, or several agents at once."""
-    from gridslam.io.files import refuse_taken
+    from gridslam.io.files import new_file
     from gridslam.simulation.simulate import simulate as hear
     from gridslam.world.scene import Scene
 
@@ -64,28 +64,29 @@ def simulate(
         names = agents_of(world, agent or [a.name for a in world.agents[:1]], {})
         if note := free_space_note(world):
             err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
-        refuse_taken([output], overwrite)
-        if signal:
-            if len(names) > 1 or unlabelled:
-                raise InputError(
-                    "--signal", "several agents" if len(names) > 1 else "--unlabelled", "one agent"
+        with new_file(output, overwrite) as part:
+            if signal:
+                if len(names) > 1 or unlabelled:
+                    raise InputError(
+                        "--signal", "several agents" if len(names) > 1 else "--unlabelled", "one agent"
+                    )
+                if output.suffix != ".h5":
+                    raise InputError("-o", repr(output.name), "a name that ends in .h5, with --signal")
+                samples = hear(world, names[0], seed, what="signal")
+                samples.to_h5(part)
+                counts = (
+                    f"{counted(len(samples), 'step')}, samples {' x '.join(map(str, samples.waveform.shape))}"
                 )
-            if output.suffix != ".h5":
-                raise InputError("-o", repr(output.name), "a name that ends in .h5, with --signal")
-            samples = hear(world, names[0], seed, what="signal")
-            samples.to_h5(output)
-            counts = (
-                f"{counted(len(samples), 'step')}, samples {' x '.join(map(str, samples.waveform.shape))}"
-            )
-        elif len(names) == 1 and not unlabelled:
-            measurements = hear(world, names[0], seed)
-            (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
-            counts = f"{counted(len(measurements), 'step')}, {counted(len(measurements.step), 'measurement')}"
-        else:
-            several = hear(world, names, seed, unlabelled)
-            (several.to_csv if output.suffix == ".csv" else several.to_h5)(output)
-            rows = counted(len(several.agent), "measurement")
-            counts = f"{counted(len(names), 'agent')}, {counted(len(several), 'step')}, {rows}"
+            elif len(names) == 1 and not unlabelled:
+                measurements = hear(world, names[0], seed)
+                (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(part)
+                rows = counted(len(measurements.step), "measurement")
+                counts = f"{counted(len(measurements), 'step')}, {rows}"
+            else:
+                several = hear(world, names, seed, unlabelled)
+                (several.to_csv if output.suffix == ".csv" else several.to_h5)(part)
+                rows = counted(len(several.agent), "measurement")
+                counts = f"{counted(len(names), 'agent')}, {counted(len(several), 'step')}, {rows}"
         what = f"{world.name}, {', '.join(names)}, seed {seed}"
         out.print(f"wrote {output}: {counts} ({what})", highlight=False, markup=False, soft_wrap=True)
 

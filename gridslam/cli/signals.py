@@ -38,17 +38,17 @@ def extract(
 ) -> None:
     """Find the paths in sampled signals, for methods that take path measurements."""
     from gridslam.extraction.front_end import extract as found_in
-    from gridslam.io.files import refuse_taken
+    from gridslam.io.files import new_file
     from gridslam.measurements.recording import Recording
     from gridslam.world.scene import Scene
 
     if output.suffix not in (".csv", ".h5"):
         raise InputError("-o", repr(output.name), "a name that ends in .csv or .h5")
-    refuse_taken([output], overwrite)
-    world = Scene.load(scene) if scene is not None else None
-    recording = Recording.load(file)
-    measurements = found_in(recording, world, false_alarms=false_alarms)
-    (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(output)
+    with new_file(output, overwrite) as part:
+        world = Scene.load(scene) if scene is not None else None
+        recording = Recording.load(file)
+        measurements = found_in(recording, world, false_alarms=false_alarms)
+        (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(part)
     snapshots = max(int(recording.heard.sum()), 1)
     size = f"{counted(len(measurements), 'step')}, {counted(len(measurements.step), 'path')}"
     line = f"wrote {output}: {size}, {len(measurements.step) / snapshots:.1f} per anchor and step"
@@ -76,7 +76,7 @@ def calibrate(
 
     import numpy as np
 
-    from gridslam.io.files import refuse_taken
+    from gridslam.io.files import new_file
     from gridslam.maps.map import Map
     from gridslam.measurements.recording import Recording
     from gridslam.runs.calibrate import calibrate as errors_of
@@ -84,11 +84,11 @@ def calibrate(
 
     if output.suffix != ".h5":
         raise InputError("-o", repr(output.name), "a name that ends in .h5")
-    refuse_taken([output], overwrite)
-    world, recording = Scene.load(scene), Recording.load(file)
-    earlier_map = None if prior is None else Map.load(prior)
-    found = errors_of(world, recording, earlier_map, agent, same_frame)
-    replace(recording, waveform=found.waveform).to_h5(output)
+    with new_file(output, overwrite) as part:
+        world, recording = Scene.load(scene), Recording.load(file)
+        earlier_map = None if prior is None else Map.load(prior)
+        found = errors_of(world, recording, earlier_map, agent, same_frame)
+        replace(recording, waveform=found.waveform).to_h5(part)
     lines = [f"wrote {output}: {counted(len(recording), 'step')}, array and pulse as found"]
     for n, (error, spread) in enumerate(zip(found.element_error_m, found.element_std_m, strict=True)):
         x, y = (f"{1e3 * e:+.2f} +- {1e3 * s:.2f}" for e, s in zip(error, spread, strict=True))

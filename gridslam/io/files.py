@@ -42,6 +42,35 @@ def refuse_taken(paths: Iterable[Path], overwrite: bool = False) -> None:
             raise InputError(str(path), "something of this name", "a new name (or --overwrite)")
 
 
+@contextmanager
+def new_file(path: Path, overwrite: bool = False) -> Iterator[Path]:
+    """A name to write a file under that gets its own once finished, unless another came there meanwhile.
+
+    Raises
+    ------
+    InputError
+        One is there and `overwrite` is off, before or after the work; or it can't be written.
+    """
+    refuse_taken([path], overwrite)
+    part = beside(path)
+    try:
+        yield part
+        if not overwrite:
+            with contextlib.suppress(OSError):  # not all file systems have links
+                os.link(part, path)
+                return
+            refuse_taken([path])
+        os.replace(part, path)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    except InputError as error:
+        if error.where != str(part):
+            raise
+        raise InputError(str(path), error.found, error.allowed) from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def refuse_leaving(folder: Path, paths: Iterable[Path]) -> None:
     """Refuse links in a folder that lead out of it: folders are shared, and what they name isn't theirs.
 

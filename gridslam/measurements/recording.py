@@ -23,6 +23,9 @@ from gridslam.world.signal_scan import SignalScan
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
 
+MOST_RAD = 8 * np.pi
+"""Largest heading that may be one in radians, of an agent that has turned and turned."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Recording:
@@ -96,8 +99,8 @@ class Recording:
         if (np.diff(arrays["time_s"]) <= 0).any():
             raise InputError("signal: time_s", "times that don't rise", "strictly rising times")
         if "heading_rad" in arrays:
-            if np.abs(arrays["heading_rad"]).max() > 1e4:
-                raise InputError("signal: heading_rad", f"{np.abs(arrays['heading_rad']).max():g}", "radians")
+            if (most := np.abs(arrays["heading_rad"]).max()) > MOST_RAD:
+                raise InputError("signal: heading_rad", f"{most:g}", "radians, four turns at most")
             arrays["heading_rad"] = wrap(arrays["heading_rad"])
         for name, values in arrays.items():
             values.setflags(write=False)

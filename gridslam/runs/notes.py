@@ -9,11 +9,14 @@ import numpy as np
 
 from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import DIVERGED_M, SETTLED_STEP, diverged, track_errors
+from gridslam.runs.run_files import RunFiles
 from gridslam.systems.registry import METHODS
 from gridslam.world.trajectory import Trajectory
 
 LAST = 10
 """Steps at the end over which errors tell whether an agent was found again."""
+SUSPECT = ": suspect: "
+"""Behind an agent's name, before what is suspected of its measurements."""
 
 
 def lost_note(
@@ -98,3 +101,21 @@ def unsaid_note(agent: str, score: Mapping[str, Any], method: str) -> str | None
     if method in METHODS and not METHODS[method].has_health:
         why = f"and {method}, kept as published, has no health that could say so"
     return f"{agent}: off by over 4 of its own deviations at {silent} of {steps} steps, {why}"
+
+
+def run_notes(run: RunFiles) -> list[str]:
+    """All that was said of a run that was written, in the words of `run`."""
+    kept = [str(note) for note in run.summary.get("notes") or ()]
+    lost = [lost_note(name, own.trajectory, own.truth, own.estimates) for name, own in run.agents.items()]
+    health = [note for name in run.agents for note in health_notes(name, run.summary["agents"][name])]
+    return [*(note for note in lost if note and note not in kept), *kept, *health]
+
+
+def grave_notes(run: RunFiles) -> list[str]:
+    """Of these, what says that its map may be worth nothing; and who wasn't well at most steps."""
+    grave = [note for note in run_notes(run) if ": lost: " in note or SUSPECT in note]
+    for name, own in run.agents.items():
+        unwell = sum(not one.health.ok for one in own.estimates)
+        if 2 * unwell > len(own.estimates):
+            grave.append(f"{name}: health complains at {unwell} of {len(own.estimates)} steps")
+    return grave

@@ -12,7 +12,7 @@ import numpy as np
 
 from gridslam.io.files import refuse_leaving
 from gridslam.maps.map import Map
-from gridslam.runs.notes import health_notes, lost_note
+from gridslam.runs.notes import run_notes
 from gridslam.runs.run_files import AgentFiles, RunFiles, read_run
 from gridslam.viewers.animation import animate, film_ending
 from gridslam.viewers.page import data_of, picture, refuse_other, table, write_page
@@ -133,16 +133,8 @@ def _head(run: RunFiles) -> str:
         *([f"begun with {earlier.get('file', '?')}"] if isinstance(earlier, dict) else []),
     ]
     about = f"<p>{escape(scene.description)}</p>" if scene.description else ""
-    notes = "".join(f"<p><strong>Note:</strong> {escape(note)}</p>" for note in _notes(run))
+    notes = "".join(f"<p><strong>Note:</strong> {escape(note)}</p>" for note in run_notes(run))
     return f"<h1>{escape(scene.name)}</h1>{about}\n<p>{escape(', '.join(facts))}</p>{notes}"
-
-
-def _notes(run: RunFiles) -> list[str]:
-    """All that was said of the run, in the words of `run`."""
-    kept = [str(note) for note in run.summary.get("notes") or ()]
-    lost = [lost_note(name, own.trajectory, own.truth, own.estimates) for name, own in run.agents.items()]
-    health = [note for name in run.agents for note in health_notes(name, run.summary["agents"][name])]
-    return [*(note for note in lost if note and note not in kept), *kept, *health]
 
 
 def _scores(agents: Mapping[str, Any]) -> str:

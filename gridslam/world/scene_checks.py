@@ -79,7 +79,7 @@ def _check_track(agent: Agent, room: Room, where: str) -> None:
         track = track_of(agent)
     except TightCorner as error:
         index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
-        x, y = agent.way[error.index]
+        x, y = agent.way[error.index + 1]
         found = f"room to turn with a radius of {error.radius:.3g} m at ({x:g}, {y:g})"
         cure = "longer legs beside it, a blunter corner, or a shorter step_m"
         allowed = f"{error.smallest:.3g} m or more: {cure}"

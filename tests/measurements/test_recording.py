@@ -261,3 +261,14 @@ def test_matlab_files_without_samples_or_cut_short_are_refused(tmp_path):
     (tmp_path / "z.mat").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match="damaged"):
         gs.Recording.load(tmp_path / "z.mat")
+
+
+def test_headings_in_degrees_are_refused_before_they_are_wrapped():
+    heading, told = (
+        np.array([10.0, 50.0, 93.0]),
+        r"heading_rad: found 93; allowed: radians, four turns at most",
+    )
+    samples, offset = np.ones((3, 1, 8), np.complex64), 1e7 * np.arange(8)
+    with pytest.raises(InputError, match=told):
+        gs.Recording.from_arrays(samples, 6e9, offset, ["A"], heading_rad=heading)
+    assert len(gs.Recording.from_arrays(samples, 6e9, offset, ["A"], heading_rad=np.radians(heading))) == 3

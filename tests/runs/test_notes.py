@@ -10,8 +10,8 @@ from run_samples import hall, some_measurements, some_run
 
 from gridslam.checks.other_files import run_line
 from gridslam.cli.run_end import Done, _table
-from gridslam.runs.notes import health_notes, lost_note, silence_note, unsaid_note
-from gridslam.runs.run_files import write_run
+from gridslam.runs.notes import grave_notes, health_notes, lost_note, silence_note, unsaid_note
+from gridslam.runs.run_files import read_run, write_run
 from gridslam.simulation.image_source import ground_truth
 from gridslam.viewers.report import write_report
 
@@ -101,7 +101,11 @@ def test_report_and_check_say_what_the_terminal_did(tmp_path):
         assert page.count(LOST) == 1
         assert page.count("agent1: nothing heard for 3 steps (at 4 of 21 steps)") == 1
         assert page.count("departures from A aren&#x27;t measured") == len(kept) / 2
-        assert run_line(tmp_path / "out").splitlines()[1:] == [f"note: {LOST}"]
+        said = run_line(tmp_path / "out").splitlines()[1:]
+        assert said.count(f"note: {LOST}") == 1
+        assert said[-1] == "note: agent1: nothing heard for 3 steps (at 4 of 21 steps)"
+        assert len(said) == 2 + len(kept) // 2
+        assert grave_notes(read_run(tmp_path / "out")) == [LOST]
     score = json.loads((tmp_path / "out" / "run.json").read_text())["agents"]["agent1"]
     assert score["surfaces_detected"] == 1
     assert run_line(tmp_path / "out").startswith("run of hall by grid: agent1 (21 steps, 1 surface)\n")
