@@ -280,7 +280,7 @@ def test_who_begins_hidden_says_so_until_a_line_of_sight_was_heard(screen, recor
     slam, truth = HybridSlam(screen, seed=1, waveform=recording.waveform), screen.track("agent1")
     first, shown = HIDDEN.start, HIDDEN.stop - HIDDEN.start
     slam.start_at(truth.position_m[first], float(truth.heading_rad[first]))
-    scans = list(recording)[first : HIDDEN.stop + 12]
+    scans = list(recording)[first : HIDDEN.stop + 16]
     whole = [slam.step(scan) for scan in scans]
     off = [np.hypot(*(one.position_m - truth.position_m[first + k])) for k, one in enumerate(whole)]
     assert len(slam.map().features)

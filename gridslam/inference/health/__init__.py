@@ -34,8 +34,9 @@ reason              said when                                   by              
 `early`             at over a quarter of the latest steps a     `early_watch.arrives_early`      (M525)
                     loud path is shorter than the line of
                     sight to the one place believed in
-`UNSIGHTED`         features were learned, and lines of sight   `signal_watch.assess_particles`  section 15
-                    heard at fewer than 3 steps (hybrid SLAM)
+`UNSIGHTED`         lines of sight were heard at fewer than 10  `signal_watch.assess_particles`  section 15
+                    steps and half of all, and one is believed,
+                    or features were learned (hybrid SLAM)
 `leapt`             up to 99 steps ago it was moved by over     `signal_watch.assess_particles`  (M529)
                     half a metre and five of its deviations
                     (hybrid SLAM)

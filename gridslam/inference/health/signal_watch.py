@@ -127,7 +127,7 @@ def assess_particles(
     early : float
         Share of the latest steps at which something arrived before a line of sight.
     unsighted : bool
-        Whether features tell where it is that were learned before any line of sight was heard.
+        Whether hardly a line of sight was heard so far, and something tells where it is.
     leap : (float, int)
         By how far it was moved last as no motion does, and how many steps ago.
     """

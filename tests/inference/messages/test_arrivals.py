@@ -10,7 +10,7 @@ from gridslam import runtime
 from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.health.signal_watch import EARLY
 from gridslam.inference.management.features.hybrid_info import conclude
-from gridslam.inference.messages.features.arrivals import COST, Arrivals
+from gridslam.inference.messages.features.arrivals import COST, OLD_M, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import Snapshot, counted
 from gridslam.inference.messages.features.learning import Learned
@@ -56,22 +56,46 @@ def test_a_line_of_sight_is_told_from_other_paths_by_its_direction():
     assert right > COST > 0 > wrong
 
 
+def test_paths_of_the_step_before_are_old_within_a_step_of_their_lengths():
+    model, draw = signal_model(), np.random.default_rng(3)
+    before, now = (received(model, (x, 0), 0.4, [BEHIND], [9000.0], draw)[0] for x in (0.0, 0.1))
+    got = Arrivals.of(now, Front(model.waveform), before)
+    rows = np.flatnonzero(got.old) * got.step_m
+    assert rows.min() < 6.5 < rows.max(), "5 m and 1.5 m more"
+    assert np.ptp(rows) < 2 * OLD_M
+    assert not Arrivals.of(now, Front(model.waveform)).old.any()
+
+
 def test_a_line_of_sight_counts_as_one_wave_of_as_many_as_there_are_antennas_by_hand():
     output = np.sqrt(np.repeat([[0.0], [40.0], [0.0]], 4, 1)) + 0j
-    got = Arrivals(output, 2.0, np.array([1.0, 0.0, 0.0]), 0.5, np.array([1]), np.zeros(3))
-    found = got.seen(np.array([0.5]), np.array([100.0]), np.array([[90.0]]))[0, 0]
+    got = Arrivals(output, 2.0, np.array([1.0, 0.0, 0.0]), 0.5, np.array([1]), np.zeros(3), np.ones(3, bool))
+    at = np.array([0.5]), np.array([100.0]), np.array([[90.0]])
+    found, later = got.seen(*at)[0, 0], got.seen(*at, comes=True)[0, 0]
 
-    def density(power, count):  # of outputs in noise of 2, or with a path besides
+    def density(power, count, cost=COST):  # of outputs in noise of 2, or with a path besides
         level = max(power / (2 * count), 1.0)
-        return np.logaddexp(0, count * (level - 1 - np.log(level)) - COST) - power / 2 - count * np.log(2)
+        return np.logaddexp(0, count * (level - 1 - np.log(level)) - cost) - power / 2 - count * np.log(2)
 
     wave = -np.log(20 + 90) - 100 / 110  # three others leave 60 of 160
     assert found == pytest.approx(wave + density(60, 3) - density(160, 4))
+    # where a path was the step before, and no line of sight, one more costs nothing
+    assert later == pytest.approx(wave + density(60, 3) - density(160, 4, cost=0.0))
+    assert later < 0 < found
+    new = replace(got, old=np.zeros(3, bool))
+    assert new.seen(*at, comes=True)[0, 0] == found
 
 
 def test_what_side_lobes_send_somewhere_is_no_wave_there_by_hand():
     output = np.sqrt(np.repeat([[0.0], [40.0], [0.0]], 4, 1)) + 0j
-    got = Arrivals(output, 2.0, np.array([1.0, 0.0, 0.0]), 0.5, np.array([2]), np.array([0.0, 4.5, 0.0]))
+    got = Arrivals(
+        output,
+        2.0,
+        np.array([1.0, 0.0, 0.0]),
+        0.5,
+        np.array([2]),
+        np.array([0.0, 4.5, 0.0]),
+        np.zeros(3, bool),
+    )
     at = np.array([0.5]), np.array([155.0]), np.array([[90.0]])
     found, clear = (one.seen(*at)[0, 0] for one in (got, replace(got, lobes=np.zeros(3))))
 

@@ -15,8 +15,8 @@ from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
 
-SIGHTS = 3
-"""Steps at which a line of sight has to have been heard for features to be believed."""
+SIGHTS = 10
+"""Steps at which a line of sight has to have been heard, or at half of all, for it to be believed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +64,11 @@ def conclude(
     if cloud is not None:
         existence, power, noise = cloud.existence, los_power(cloud), cloud.noise.mean(1)
     spread_m = float(np.sqrt(np.trace(moments.covariance[:2, :2])))
+    believed = bool(len(joint.features)) or state.sights > 0
+    unsighted = believed and state.sights < min(SIGHTS, state.step / 2)
     health = assess_particles(
         spread_m, moments.effective, state.silent, state.early, len(existence), cloud is not None,
-        bool(len(joint.features)) and state.sights < SIGHTS, (state.leap_m, state.since_leap),
+        unsighted, (state.leap_m, state.since_leap),
     )  # fmt: skip
     return HybridInfo(
         moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,

@@ -7,7 +7,7 @@ arrives before a line of sight, be it seen or hidden; and it is one wave of one 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -26,6 +26,8 @@ LEAKS = 4.0
 """Least power of an arrival in that of any other's side lobe where it stands: lobes add up."""
 MISFIT = 0.03
 """Share of a line of sight's power that is left of it where it is looked for 5 cm beside its place."""
+OLD_M = 0.3
+"""How near a path is to where one was the step before, to be the same."""
 HALF, LOBE = 0.5, 0.05
 """Shares of its power to which a pulse falls on its flank, and where its main lobe ends."""
 
@@ -47,6 +49,8 @@ class Arrivals:
         Rows where most is received.
     lobes : (T,)
         Most that these send elsewhere by their side lobes, power per antenna.
+    old : (T,) bool
+        Where a path was heard the step before.
     """
 
     output: Complex
@@ -55,10 +59,11 @@ class Arrivals:
     step_m: float
     peak: NDArray[np.int64]
     lobes: Array
+    old: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, samples: Complex, front: Front) -> Self:
-        """Those of the samples (N, M) of a step."""
+    def of(cls, samples: Complex, front: Front, before: Complex | None = None) -> Self:
+        """Those of the samples (N, M) of a step, and of the one before."""
         part = front.coarse(samples[None])[0, ::STRIDE].astype(np.float64)
         noise = max(float(np.median((part**2).sum(-1)) / np.log(2)), 1e-300)
         apart = STRIDE * ROWS // COARSE_ROWS
@@ -68,7 +73,16 @@ class Arrivals:
         peak = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
         apart_by = np.abs(np.arange(len(power))[:, None] - peak)
         lobes = (_side_lobes(pulse)[apart_by] * power[peak]).max(1, initial=0.0)
-        return cls(output, noise, pulse, apart / front.reach[0], peak, lobes)
+        found = cls(output, noise, pulse, apart / front.reach[0], peak, lobes, np.zeros(len(output), bool))
+        return found if before is None else replace(found, old=found._near(cls.of(before, front)))
+
+    def _near(self, other: Self) -> NDArray[np.bool_]:
+        """Rows (T,) within `OLD_M` of the paths of another step."""
+        power = (np.abs(other.output[other.peak]) ** 2).mean(1)
+        path = other.peak[other._explained(power, other.peak) > COST]
+        apart_by = np.abs(np.arange(len(self.output))[:, None] - path)
+        near: NDArray[np.bool_] = (apart_by * self.step_m < OLD_M).any(1)
+        return near
 
     def against(self, length_m: Array) -> Array:
         """Nats that speak against lines of sight of these lengths (P,): what arrives before them.
@@ -94,7 +108,7 @@ class Arrivals:
         power = (np.abs(self.output[early]) ** 2).mean(1)
         return bool((self._explained(power, early) > COST).any())
 
-    def seen(self, length_m: Array, coherent: Array, level: Array) -> Array:
+    def seen(self, length_m: Array, coherent: Array, level: Array, comes: bool = False) -> Array:
         """Nats by which lines of sight explain what is received at their lengths, (P, G).
 
         Parameters
@@ -104,6 +118,8 @@ class Arrivals:
             Power of the one wave from their direction, matched by all antennas.
         level : (P, G)
             The same as expected of their powers.
+        comes : bool
+            Whether none was there the step before: a path that was is none, and costs nothing as another.
         """
         count, lengths = self.output.shape[1], self.step_m * np.arange(len(self.output))
         total = np.interp(length_m, lengths, (np.abs(self.output) ** 2).sum(1))
@@ -111,7 +127,9 @@ class Arrivals:
         noise = self.noise + LEAKS * np.interp(length_m, lengths, self.lobes)
         floor = np.maximum(rest / max(count - 1, 1), noise)[:, None] + level
         nats: Array = -np.log(floor) - coherent[:, None] / floor
-        nats += (_density(rest, count - 1, noise) - _density(total, count, noise))[:, None]
+        row = np.clip(np.rint(length_m / self.step_m).astype(int), 0, len(self.old) - 1)
+        cost = np.where(comes & self.old[row], 0.0, COST)
+        nats += (_density(rest, count - 1, noise, COST) - _density(total, count, noise, cost))[:, None]
         return nats
 
     def _explained(self, power: Array, rows: slice | NDArray[np.int64]) -> Array:
@@ -127,10 +145,10 @@ def _gain(level: Array, count: int) -> Array:
     return nats
 
 
-def _density(power: Array, count: int, noise: Array) -> Array:
+def _density(power: Array, count: int, noise: Array, cost: Array | float) -> Array:
     """Log density of the power (P,) of so many outputs, in noise or, at a cost, of a path besides."""
     quiet = -power / noise - count * np.log(noise)
-    nats: Array = np.logaddexp(quiet, quiet + _gain(power / (max(count, 1) * noise), count) - COST)
+    nats: Array = np.logaddexp(quiet, quiet + _gain(power / (max(count, 1) * noise), count) - cost)
     return nats
 
 

@@ -84,7 +84,7 @@ def follow_by_particles(
         cloud = sight.start_particles(state.joint, tables, got.heard, model, seed)
     cloud, moments = sight.update_particles(
         cloud, state.joint, got.samples, tables, got.heard, got.heading_rad, front, model, seed, state.step,
-        bounded,
+        bounded, state.segment.latest(),
     )  # fmt: skip
     return replace(state, particles=cloud), moments
 

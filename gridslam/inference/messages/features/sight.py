@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -118,7 +118,7 @@ def feature_table(belief: JointBelief, anchor: int) -> Array:
 def update_particles(
     particles: ParticleBelief, belief: JointBelief, samples: Complex, tables: list[Tables],
     audible: NDArray[np.bool_], heading_rad: float, front: Front, model: SignalModel, seed: int, step: int,
-    bounded: bool = False,
+    bounded: bool = False, before: Sequence[Complex | None] = (),
 ) -> tuple[ParticleBelief, Moments]:  # fmt: skip
     """Particles after the samples (J, N, M) of a step, with the features as they stand, (M134)-(M136).
 
@@ -127,12 +127,15 @@ def update_particles(
     bounded : bool
         Whether lines of sight of anchors without features are told from other paths, see `arrivals`, and
         particles are drawn again where too few carry the weight; the references do neither.
+    before : sequence of J (N, M), optional
+        Samples of the step before; None of an anchor that wasn't heard.
     """
     heard = [int(j) for j in np.flatnonzero(audible)]
+    came = {j: Arrivals.of(samples[j], front, before[j] if before else None) for j in heard if bounded}
 
     def evaluate(cloud: ParticleBelief) -> list[Received]:
         return [
-            _received(cloud, j, belief, samples[j], tables[j], heading_rad, front, model, bounded)
+            _received(cloud, j, belief, samples[j], tables[j], heading_rad, front, model, came.get(j))
             for j in heard
         ]
 
@@ -185,7 +188,7 @@ class Received:
 
 def _received(
     particles: ParticleBelief, anchor: int, belief: JointBelief, samples: Complex, table: Tables,
-    heading_rad: float, front: Front, model: SignalModel, bounded: bool,
+    heading_rad: float, front: Front, model: SignalModel, came: Arrivals | None,
 ) -> Received:  # fmt: skip
     """What one anchor's samples (N, M) say of every particle, with and without a line of sight."""
     agent, noise, node = particles.agent, particles.noise[anchor], particles.node[anchor]
@@ -193,17 +196,17 @@ def _received(
     known = feature_table(belief, anchor)
     ratio, square, energy = front.ratios(points, known, model.anchors[anchor, :2], table).T
     absent = ratio - np.vdot(samples, samples).real / noise - samples.size * np.log(np.pi * noise)
-    if bounded and not len(known):
-        came = Arrivals.of(samples, front)
+    p = particles.existence[anchor]
+    if came is not None and not len(known):
         way = np.hypot(*(model.anchors[anchor, :2] - agent[:, :2]).T)
         absent -= came.against(way)
-        gain = came.seen(way, square / energy, node * energy[:, None])
+        gain = came.seen(way, square / energy, node * energy[:, None], p < 0.5)
     else:
         with_noise = noise[:, None] + node * energy[:, None]
         gain = square[:, None] * node / (noise[:, None] * with_noise)
         gain -= np.log(with_noise / noise[:, None])  # (P, G)
     gain += np.log(np.maximum(particles.weight[anchor], 1e-300))
-    there, p = absent + logsumexp(gain, axis=1), particles.existence[anchor]
+    there = absent + logsumexp(gain, axis=1)
     seen = np.log(p) + there
     return Received(absent, gain, seen, np.logaddexp(seen, np.log1p(-p) + absent))
 

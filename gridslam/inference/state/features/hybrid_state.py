@@ -155,6 +155,11 @@ class Segment:
         """Its last steps alone."""
         return type(self)(*(getattr(self, f.name)[len(self) - steps :] for f in fields(self)))
 
+    def latest(self) -> list[NDArray[np.complex128] | None]:
+        """Samples (N, M) of its last step, None of anchors that weren't heard; nothing before the first."""
+        last = zip(self.samples[-1], self.heard[-1], strict=True) if len(self) else ()
+        return [samples if heard else None for samples, heard in last]
+
     def joined(self, later: Self) -> Self:
         """These steps and later ones."""
         return type(self)(
