@@ -42,6 +42,11 @@ class Places:
     heading_rad: Array
     slack_m: float
 
+    @property
+    def anchors(self) -> NDArray[np.intp]:
+        """Which anchors are heard at all, each once."""
+        return np.unique(self.anchor)
+
 
 def places_of(
     raw: dict[str, Any],
