@@ -162,10 +162,15 @@ def _line_of_sight(
         return lines + _turned(raw, own.samples, waveform, places, half)
     shifts = np.arange(0, waveform.folding_m, 0.5 * half)
     found = np.array([own.share(places, half, shift) for shift in shifts])
-    best: float | None = float(shifts[found.argmax()])
-    if found.max() < max(OFFSET_THERE, plain + BETTER):
-        best = own.common(places, half)
-    if best is not None:
+    best, rise = own.common(places, half)
+    if found.max() > max(OFFSET_THERE, plain + BETTER):
+        best = float(shifts[found.argmax()])
+        rise = own.rise(places, half, best)
+    if rise is not None:
+        known = f"lines of sight are as long as to anchors about {rise:.1f} m above or below the agent"
+        lines.append(f"suspect: samples: {known}: give the scene heights (position_m of three, height_m)")
+        places = replace(places, distance_m=np.hypot(places.distance_m, rise))
+    elif best is not None:
         for _ in range(2):  # the first look may have cut some off
             best = own.middle(places, half, best)
         best = best - waveform.folding_m if best > 0.5 * waveform.folding_m else best
