@@ -96,7 +96,7 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
         sight = explain(renamed, scene, agent)
         if sight.explained >= least_share(scene) and sight.evidence > needed:
             needed = sight.evidence + CLEAR
-            best = Cure(_names(order, scene, sight, plain), renamed, sight)
+            best = Cure(_names(order, scene, sight, plain, _angles(table)), renamed, sight)
     # directions in the world are turns, too, each by the anchor's orientation: the simpler cure comes first
     turned = turn_cure(table, scene, agent, plain, needed + CERTAIN)
     if turned is not None:
@@ -320,7 +320,11 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
 
 def both_measured(table: Columns) -> bool:
     """Whether there are distances, and angles to tell their errors from another place of the agent."""
-    return bool(len(finite(table, "distance_m"))) and any(len(finite(table, name)) for name in ANGLES)
+    return bool(len(finite(table, "distance_m"))) and _angles(table)
+
+
+def _angles(table: Columns) -> bool:
+    return any(len(finite(table, name)) for name in ANGLES)
 
 
 def orders(count: int) -> Iterator[tuple[int, ...]]:
@@ -335,10 +339,12 @@ def orders(count: int) -> Iterator[tuple[int, ...]]:
         yield tuple(order)
 
 
-def _names(order: tuple[int, ...], scene: Scene, sight: Sight, plain: Sight) -> Suspicion:
+def _names(order: tuple[int, ...], scene: Scene, sight: Sight, plain: Sight, told: bool) -> Suspicion:
+    """Names that are exchanged: certain only if angles beside distances tell where the agent is."""
     reason = (
         f"line of sight in {sight.explained:.0%} of {sight.judged}, {plain.explained:.0%} as it stands; "
         f"log likelihood ratio {sight.evidence - plain.evidence:.0f}"
     )
     gain = sight.evidence - plain.evidence
-    return Suspicion("anchor", "names", names_words(order, scene), gain > CERTAIN, reason)
+    reason += "" if told else "; distances alone don't tell it for certain"
+    return Suspicion("anchor", "names", names_words(order, scene), told and gain > CERTAIN, reason)

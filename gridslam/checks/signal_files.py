@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.checks.signal_delays import Delays, delay_profile
 from gridslam.checks.signal_directions import Directions, directions
 from gridslam.checks.signal_places import MOST_PLACES, Complex, Places, exchanged, places_of
 from gridslam.errors import InputError, located
@@ -27,8 +28,6 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 from gridslam.world.waveform import Waveform
 
-FINE = 8
-"""Points per resolution cell of the delay."""
 THERE, BETTER = 0.5, 0.25
 """Share of the peak that a reading must have at the line of sight; how much more than as it stands."""
 OFFSET_THERE = 0.8
@@ -132,45 +131,6 @@ def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
     return np.asarray(good if received is None else good & np.asarray(received, bool))
 
 
-@dataclass(frozen=True, eq=False)
-class Delays:
-    """Snapshots at known places, and their delays.
-
-    Attributes
-    ----------
-    samples : (N, A, B, M) complex
-    profile : (N, n)
-        Power over delays, by its highest.
-    folding_m : float
-    """
-
-    samples: Complex
-    profile: Array
-    folding_m: float
-
-    @classmethod
-    def of(cls, samples: Array, waveform: Waveform, places: Places) -> Delays:
-        """Those of a file's samples (K, J, A, B, M)."""
-        own = samples[places.step, places.anchor].astype(np.complex128)
-        profile = delay_profile(own, waveform)
-        return cls(own, profile / profile.max(-1, keepdims=True), waveform.folding_m)
-
-    def share(self, places: Places, half: float, shift: float = 0.0, flipped: bool = False) -> float:
-        """Mean height of what is at the line of sight, over the highest peak."""
-        table = np.roll(self.profile[:, ::-1], 1, axis=1) if flipped else self.profile
-        return float(_at(table, places.distance_m + shift, half, self.folding_m).mean())
-
-    def middle(self, places: Places, half: float, shift: float) -> float:
-        """Median offset of the peaks within `half` of a shift, m: shifts up to there find them as well."""
-        count = self.profile.shape[1]
-        reach = int(np.ceil(half * count / self.folding_m))
-        about = np.rint((places.distance_m + shift) * count / self.folding_m).astype(int)
-        columns = about[:, None] + np.arange(-reach, reach + 1)
-        highest = np.take_along_axis(self.profile, columns % count, 1).argmax(1)
-        peak = np.take_along_axis(columns, highest[:, None], 1)[:, 0] * self.folding_m / count
-        return float(np.median(peak - places.distance_m))
-
-
 def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], waveform: Waveform) -> list[str]:
     """Strongest peak and its SNR, by anchor."""
     lines = []
@@ -189,13 +149,6 @@ def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], wave
     return lines
 
 
-def delay_profile(samples: Complex, waveform: Waveform) -> Array:
-    """Power (N, n) over lengths up to the folding range, of snapshots (N, A, B, M), all antennas together."""
-    count = FINE * len(waveform.offset_hz)
-    response = np.fft.ifft(samples * waveform.pulse.conj(), count, axis=-1) * count
-    return np.asarray((np.abs(response) ** 2).sum((1, 2)))
-
-
 def _line_of_sight(
     raw: dict[str, Any], samples: Array, waveform: Waveform, places: Places, others: Mapping[str, Places]
 ) -> list[str]:
@@ -209,8 +162,15 @@ def _line_of_sight(
         return lines + _turned(raw, own.samples, waveform, places, half)
     shifts = np.arange(0, waveform.folding_m, 0.5 * half)
     found = np.array([own.share(places, half, shift) for shift in shifts])
-    best = float(shifts[found.argmax()])
-    if found.max() > OFFSET_THERE and found.max() > plain + BETTER:
+    best, rise = own.common(places, half)
+    if found.max() > max(OFFSET_THERE, plain + BETTER):
+        best = float(shifts[found.argmax()])
+        rise = own.rise(places, half, best)
+    if rise is not None:
+        known = f"lines of sight are as long as to anchors about {rise:.1f} m above or below the agent"
+        lines.append(f"suspect: samples: {known}: give the scene heights (position_m of three, height_m)")
+        places = replace(places, distance_m=np.hypot(places.distance_m, rise))
+    elif best is not None:
         for _ in range(2):  # the first look may have cut some off
             best = own.middle(places, half, best)
         best = best - waveform.folding_m if best > 0.5 * waveform.folding_m else best
@@ -219,7 +179,8 @@ def _line_of_sight(
         places = replace(places, distance_m=places.distance_m + best)
     elif plain < THERE:
         swapped = _exchange(raw, samples, waveform, others, plain, None)
-        return [*lines, swapped or "the line of sight is weak or hidden there: directions not checked"]
+        weak = "the line of sight is weak or hidden there: delays and directions can't be told"
+        return [*lines, swapped or weak]
     fit, said = directions(raw, own.samples, waveform, places, half)
     doubtful = fit is not None and fit.doubtful
     swapped = _exchange(raw, samples, waveform, others, plain, fit) if doubtful else None
@@ -268,12 +229,3 @@ def _turned(raw: dict[str, Any], own: Complex, waveform: Waveform, places: Place
     ):
         return [f"{line} {' or '.join(name.split(':')[0].split(';')[0] for name in ways)}"]
     return [f"{line} {max(shares, key=lambda name: shares[name])}"]
-
-
-def _at(table: Array, lengths: Array, half: float, folding: float) -> Array:
-    """Largest value (N,) of rows (N, n) within `half` of lengths (N,), around the folding range."""
-    count = table.shape[1]
-    reach = int(np.ceil(half * count / folding))
-    middle = np.rint(lengths * count / folding).astype(int)
-    columns = (middle[:, None] + np.arange(-reach, reach + 1)) % count
-    return np.asarray(np.take_along_axis(table, columns, 1).max(1))

@@ -62,14 +62,17 @@ def places_of(
         Whose place each of the file's anchors has; default: its own.
     """
     anchors, facing = raw.get("anchor_position_m"), raw.get("anchor_orientation_rad")
+    rise = np.zeros(len(raw["anchors"]))
     if scene is not None and tuple(raw["anchors"]) == scene.anchor_names:
         anchors, facing = scene.anchor_positions, scene.anchor_orientations
+        rise = _rises(scene, agent)
     truth, steps = raw.get("truth"), len(usable)
     if anchors is None:
         return None
     facing = np.zeros(len(anchors)) if facing is None else facing
     if order is not None:
         anchors, facing = np.asarray(anchors)[list(order)], np.asarray(facing)[list(order)]
+        rise = rise[list(order)]
     if truth is not None and len(truth) == steps:
         chosen = np.unique(np.linspace(0, steps - 1, min(steps, MOST_PLACES)).astype(int))
         position, heading, slack = truth.position_m[chosen], truth.heading_rad[chosen], 0.1
@@ -86,12 +89,20 @@ def places_of(
     row, anchor = np.nonzero(usable[chosen])
     if not len(row):
         return None
-    way = position[row] - np.asarray(anchors)[anchor]
+    way = np.column_stack([position[row] - np.asarray(anchors)[anchor], rise[anchor]])
     leaving = direction(np.asarray(anchors)[anchor], position[row])
     return Places(
-        chosen[row], anchor, np.hypot(*way.T), leaving - np.asarray(facing)[anchor], leaving + np.pi,
-        heading[row], slack,
+        chosen[row], anchor, np.linalg.norm(way, axis=1), leaving - np.asarray(facing)[anchor],
+        leaving + np.pi, heading[row], slack,
     )  # fmt: skip
+
+
+def _rises(scene: Scene, agent: str | None) -> Array:
+    """How far the scene's anchors (J,) are above the agent, m."""
+    body = scene.agent(agent) if agent is not None else scene.agents[0] if scene.agents else None
+    if not scene.has_heights or body is None:
+        return np.zeros(len(scene.anchors))
+    return np.asarray(scene.anchor_places[:, 2] - (body.height_m or 0.0))
 
 
 def exchanged(

@@ -15,6 +15,7 @@ from gridslam.checks.rivals import allowed_for, both_measured, range_errors
 from gridslam.checks.start_search import one_in_sight
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
+from gridslam.checks.whose import whose
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
@@ -61,6 +62,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
             total = len(np.unique(table["step"]))
             line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
         line += _cannot_be_told(alone, scene) + _start_unseen(table, scene, agent)
+        line += whose(table, scene, agent, seen)
         return line + _not_judged(table, scene, seen) + _aside(table, scene, seen)
     if len(scene.anchors) > 1:
         line += f" ({_each(scene, seen)})"
