@@ -11,7 +11,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.messages.network.clock_evidence import agent_evidence
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.network.belief import NetworkBelief
-from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere
+from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere, within_priors
 from gridslam.inference.state.network.clock_search import NARROW_M, SET_VARIANCE, ClockSearch
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace
@@ -49,7 +49,7 @@ def set_clocks(
         return state
     search = state.clocks.updated(evidence_of(state, state.clocks.searched, scans, model, works=works))
     belief, first = state.belief, state.belief.layout.devices
-    found = search.decided(tells_no_departure(scans))
+    found = _possible(state, search, model.clocks).decided(tells_no_departure(scans))
     for row, offset in search.surest(found) if search.framed else found:
         frame, anchor = divmod(row, search.anchors)
         if search.framed:  # in which agents' clocks and other frames hang together
@@ -60,6 +60,15 @@ def set_clocks(
             belief = belief.independent(int(first[anchor]), offset, SET_VARIANCE)
         search = search.closed(row)
     return loosened(replace(state, belief=belief, clocks=frames_joined(search)))
+
+
+def _possible(state: NetworkState, search: ClockSearch, clocks: ClockModel) -> ClockSearch:
+    """A search without offsets that would take a clock of their frame beyond its prior, (M530)."""
+    if not search.framed:
+        return search
+    mean, deviation = _believed(state)
+    room = clocks.half_width_m + ASTRAY * np.sqrt(_walked(_elapsed_s(state), clocks))
+    return within_priors(search, room, mean, ASTRAY * deviation)
 
 
 def agent_clock(belief: NetworkBelief, frame: int) -> int | None:
@@ -93,10 +102,8 @@ def challenge_clocks(
     evidence = evidence_of(state, closed, scans, model, works=works)
     mean, deviation = _believed(state)
     search = state.clocks.challenged(closed, evidence, mean, deviation)
-    elapsed = (
-        state.time_s - state.began_s if state.time_s is not None and state.began_s is not None else np.inf
-    )
-    for row in np.flatnonzero(closed & astray(fresh.half_widths, mean, deviation, elapsed, model.clocks)):
+    elapsed_s = _elapsed_s(state)
+    for row in np.flatnonzero(closed & astray(fresh.half_widths, mean, deviation, elapsed_s, model.clocks)):
         search = search.opened(int(row), model.clocks)
     return replace(state, clocks=search)
 
@@ -113,10 +120,21 @@ def astray(
     elapsed_s : float
         Since the first step.
     """
-    walked = (
-        clocks.walk_m**2 * elapsed_s + (clocks.drift_m * elapsed_s) ** 2 if np.isfinite(elapsed_s) else np.inf
-    )
+    walked = _walked(elapsed_s, clocks)
     return np.asarray(np.abs(mean) - half > ASTRAY * np.sqrt(deviation**2 + walked))
+
+
+def _elapsed_s(state: NetworkState) -> float:
+    """Since the first step, s; infinite where nobody knows."""
+    known = state.time_s is not None and state.began_s is not None
+    return state.time_s - state.began_s if known else np.inf
+
+
+def _walked(elapsed_s: float, clocks: ClockModel) -> float:
+    """Variance by which a clock has walked, m^2."""
+    if not np.isfinite(elapsed_s):
+        return np.inf
+    return clocks.walk_m**2 * elapsed_s + (clocks.drift_m * elapsed_s) ** 2
 
 
 def _believed(state: NetworkState) -> tuple[Array, Array]:
