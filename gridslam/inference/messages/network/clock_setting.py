@@ -66,7 +66,7 @@ def _possible(state: NetworkState, search: ClockSearch, clocks: ClockModel) -> C
     """A search without offsets that would take a clock of their frame beyond its prior, (M530)."""
     if not search.framed:
         return search
-    mean, deviation = _believed(state)
+    mean, deviation = believed_offsets(state)
     room = clocks.half_width_m + ASTRAY * np.sqrt(_walked(_elapsed_s(state), clocks))
     return within_priors(search, room, mean, ASTRAY * deviation)
 
@@ -100,7 +100,7 @@ def challenge_clocks(
     if later or not closed.any() or tells_no_departure(scans):  # rival modes are hypotheses then
         return state
     evidence = evidence_of(state, closed, scans, model, works=works)
-    mean, deviation = _believed(state)
+    mean, deviation = believed_offsets(state)
     search = state.clocks.challenged(closed, evidence, mean, deviation)
     elapsed_s = _elapsed_s(state)
     for row in np.flatnonzero(closed & astray(fresh.half_widths, mean, deviation, elapsed_s, model.clocks)):
@@ -137,7 +137,7 @@ def _walked(elapsed_s: float, clocks: ClockModel) -> float:
     return clocks.walk_m**2 * elapsed_s + (clocks.drift_m * elapsed_s) ** 2
 
 
-def _believed(state: NetworkState) -> tuple[Array, Array]:
+def believed_offsets(state: NetworkState) -> tuple[Array, Array]:
     """Means and deviations (R,) of the offsets of all rows, m."""
     belief, anchors = state.belief, state.clocks.anchors
     devices, means, deviations = belief.layout.devices[:anchors], list[Array](), list[Array]()
@@ -169,7 +169,7 @@ def evidence_of(
         members = [agent for agent in range(len(scans)) if search.frame_of(agent) == frame]
         if not (own.any() and members):
             continue
-        whole = replace(state, belief=_without(state.belief, own, agent_clock(state.belief, frame)))
+        whole = replace(state, belief=without_clocks(state.belief, own, agent_clock(state.belief, frame)))
         for agent in members:
             scan = scans[agent]
             if scan is not None and len(scan):
@@ -181,7 +181,7 @@ def evidence_of(
     return evidence
 
 
-def _without(belief: NetworkBelief, sought: NDArray[np.bool_], root: int | None) -> NetworkBelief:
+def without_clocks(belief: NetworkBelief, sought: NDArray[np.bool_], root: int | None) -> NetworkBelief:
     """The belief with some anchors' clocks (J,) at a frame's zero."""
     first = belief.layout.devices
     for anchor in np.flatnonzero(sought).tolist():
