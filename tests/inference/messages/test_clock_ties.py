@@ -8,6 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam.inference.health.reasons import CLOCK_CONTESTED
 from gridslam.inference.messages.network.clock_ties import MOST, challenge_ties
+from gridslam.inference.state.network.clock_search import NEVER
 from gridslam.simulation.network import simulate_network
 from gridslam.systems.network import NetworkSlam, take_turns, turn
 from gridslam.world.network_scan import NetworkScan
@@ -80,6 +81,16 @@ def test_a_wrong_clock_of_an_agent_is_set_right_by_more_than_one_look(settled):
         np.diff(np.diagonal([x.belief.covariance for x in (wrong, after)], 0, 1, 2)[:, rows], axis=0), 1.0
     )
     assert not after.clocks.moved.any()
+
+
+def test_what_was_heard_by_a_wrong_clock_is_forgotten_once_it_is_right(settled):
+    """Else it stands for another offset of an anchor's clock, and opens that."""
+    slam, scans = settled
+    wrong = off(slam.state, [5], WRONG_M)
+    log = np.where(wrong.clocks.log > NEVER, -50.0 * (np.abs(wrong.clocks.centre) < 5.0), NEVER)
+    after = looked(slam, replace(wrong, clocks=replace(wrong.clocks, log=log)), scans)
+    common = after.clocks.log[:4]
+    assert not common[common > NEVER].any()
 
 
 def test_an_anchor_that_it_alone_hears_moves_with_it(settled):

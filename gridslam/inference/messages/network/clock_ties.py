@@ -84,6 +84,7 @@ def challenge_ties(
         agent, along, later_m = choice
         entries = belief.layout.devices[[search.anchors + agent, *along]].tolist()
         belief, moved = belief.together(entries, -later_m, SET_VARIANCE), np.zeros_like(moved)
+        search = search.forgotten(search.frame_of(agent))
     return replace(state, belief=belief, clocks=replace(search, moved=moved))
 
 

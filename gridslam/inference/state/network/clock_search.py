@@ -273,6 +273,12 @@ class ClockSearch:
         log[own] = np.where((log[own] > NEVER) & self.unset[own, None], 0.0, log[own])
         return replace(self, log=log)
 
+    def forgotten(self, frame: int) -> ClockSearch:
+        """With nothing heard of a frame's set clocks since they were set, as an agent's clock was another."""
+        log, own = self.log.copy(), self.rows(frame)
+        log[own] = np.where((log[own] > NEVER) & ~self.unset[own, None], 0.0, log[own])
+        return replace(self, log=log)
+
     def moments(self, anchor: int) -> tuple[float, float]:
         """Mean (m) and variance (m^2) of an offset over all of its modes."""
         mass = self.mass[anchor]
