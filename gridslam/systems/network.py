@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gridslam.arrays import replace
-from gridslam.inference.health.reasons import ASTRAY, CLOCK_OPEN
+from gridslam.inference.health.reasons import ASTRAY, CLOCK_CONTESTED, CLOCK_OPEN
 from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
@@ -24,6 +24,7 @@ from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
+from gridslam.inference.messages.network.clock_ties import challenge_ties
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
 from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
@@ -72,6 +73,7 @@ def step(
     predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = look_afresh(state, scan.scans, model, work)  # (M492)
+    state = challenge_ties(state, scans_of_teachers(state, scan), model, works=work)  # (M531)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     recalled = state
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
@@ -119,6 +121,8 @@ def take_turns(
                 state, info = state.apart(agent, part), info.doubted(ASTRAY)
             if state.clocks.adrift(agent):
                 info = info.doubted(CLOCK_OPEN)
+            elif state.clocks.contested(agent):
+                info = info.doubted(CLOCK_CONTESTED)
         infos.append(info)
     return state, infos
 

@@ -22,6 +22,7 @@ from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
+from gridslam.inference.messages.network.clock_ties import challenge_ties
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
 from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
@@ -61,6 +62,7 @@ def step(
     predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
     state = recover_agents(state, scan.scans, earlier_s, model, work)
     state = look_afresh(state, scan.scans, model, work)  # (M492)
+    state = challenge_ties(state, scans_of_teachers(state, scan), model, works=work)  # (M531)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
     recalled = state
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)

@@ -59,6 +59,8 @@ reason              said when                                   by              
                     found again up to 4 steps ago
 `CLOCK_OPEN`        an agent's clock is wide, and no anchor's is    `systems.network`                (M496)
                     set that it is tied to
+`CLOCK_CONTESTED`   lines of sight stand for another clock  `systems.network`                (M531)
+                    of an agent, not enough to set it there yet
 `offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
 `shifted`, `of_late`
 `offset`, `shifted` an anchor's line of sight has been longer   `sight_watch.SightWatch`         (M510)

@@ -20,6 +20,7 @@ OF_ALL = "distances of all anchors"
 """Of `offset`, what tells that of all anchors from that of one."""
 ASTRAY = "what it hears isn't used for what all agents share"
 CLOCK_OPEN = "its clock isn't found yet: distances tell nothing"
+CLOCK_CONTESTED = "its clock may be another: lines of sight heard by it, or by others, don't fit it"
 
 
 def silent(steps: int) -> str:

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere
+from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere, within_priors
 from gridslam.inference.state.network.clock_search import (
     CELL_M,
     FIRST_STEPS,
+    NEVER,
     SET_VARIANCE,
     UNTIED_STEPS,
     ClockSearch,
@@ -86,3 +87,52 @@ def test_a_mode_is_told_with_four_times_the_variance_that_it_seems_to_have(devia
     log = search.log.copy()
     log[4] = -0.5 * (search.centre - 3.0) ** 2 / deviation**2
     assert replace(search, log=log).mode_variance(4, 3.0) == pytest.approx(wanted, rel=0.01)
+
+
+def spans(search, mean, slack=0.0):
+    """What is left of every row's offsets, from and to (m)."""
+    narrowed = within_priors(search, CLOCKS.half_width_m, mean, np.full(len(mean), slack))
+    return [search.centre[log > NEVER][[0, -1]] for log in narrowed.log]
+
+
+def test_what_is_set_in_a_frame_bounds_the_offsets_of_others_by_the_priors_of_all():
+    fresh = ClockSearch.start(CLOCKS)
+    mean, unset = np.zeros(12), fresh.unset.copy()
+    unset[4], mean[4] = False, 12.0  # anchor 1 in agent 0's frame: 15 m at most, so its clock is 3 at most
+    search = replace(fresh, unset=unset)
+    left = spans(search, mean)
+    np.testing.assert_allclose(left[3], [-3.0, 15.0], atol=1.5 * CELL_M)  # anchor 0, whose clock is the time
+    np.testing.assert_allclose(left[5], [-18.0, 30.0], atol=1.5 * CELL_M)
+    np.testing.assert_allclose(left[1], [-3.0, 15.0], atol=1.5 * CELL_M)  # in the common time
+    np.testing.assert_allclose(left[10], [-18.0, 30.0], atol=1.5 * CELL_M)  # and in agent 2's frame
+    np.testing.assert_allclose(left[2], [-15.0, 15.0], atol=1.5 * CELL_M)
+    np.testing.assert_allclose(spans(search, mean, slack=1.0)[3], [-4.0, 15.0], atol=1.5 * CELL_M)
+
+
+def test_an_offset_that_is_set_in_the_common_time_bounds_it_in_the_frames_of_agents():
+    fresh = ClockSearch.start(CLOCKS)
+    mean, unset = np.zeros(12), fresh.unset.copy()
+    unset[[1, 5]], mean[1], mean[5] = False, -10.0, 14.0  # agent 0's clock is 1 at most, by anchor 2
+    left = spans(replace(fresh, unset=unset), mean)
+    np.testing.assert_allclose(left[4], [-11.0, 5.0], atol=1.5 * CELL_M)
+    np.testing.assert_allclose(left[10], [-25.0, 5.0], atol=1.5 * CELL_M)  # agent 2's clock is anything
+
+
+def test_clocks_that_contradict_their_priors_rule_nothing_out():
+    fresh = ClockSearch.start(CLOCKS)
+    mean, unset = np.zeros(12), fresh.unset.copy()
+    unset[[4, 5]], mean[4], mean[5] = False, 29.0, -29.0
+    left = spans(replace(fresh, unset=unset), mean)
+    np.testing.assert_allclose(left[3], [-15.0, 15.0], atol=1.5 * CELL_M)
+
+
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=60, deadline=None)
+def test_what_clocks_truly_are_is_never_ruled_out(seed):
+    draw, search = np.random.default_rng(seed), drawn(seed)
+    true = draw.uniform(-1, 1, 6) * CLOCKS.half_width_m
+    mean = (true[:3] - np.append(0.0, true[3:])[:, None]).ravel()
+    for offset, (first, last) in zip(
+        mean[search.unset], np.array(spans(search, mean))[search.unset], strict=True
+    ):
+        assert first - CELL_M <= offset <= last + CELL_M

@@ -124,6 +124,38 @@ def agent_evidence(
     return total
 
 
+def sights_evidence(
+    bare: State,
+    sought: NDArray[np.bool_],
+    mass: Array,
+    centre: Array,
+    scan: Scan,
+    model: FilterModel,
+    work: Workspace,
+) -> Array:
+    """Log evidence of one agent's lines of sight about some anchors' clocks, whatever was mapped; (M531).
+
+    Arguments and value are those of `agent_evidence`; all that isn't a line of sight counts as unknown.
+    """
+    radio, paths = model.radio, predict_every_path(bare, model, work=work)
+    direct = np.flatnonzero(paths.rays.bounces == 0)
+    direct = direct[np.argsort(paths.rays.anchor[direct])]
+    if len(direct) != len(sought):
+        return np.zeros((len(sought), len(centre)))
+    length, heard = paths.prediction.length[direct], work.once(whole_scan, scan, model)
+    amplitude, steep = radio.amplitude(length), lean(length, np.asarray(model.anchor_heights))
+    accuracy = _deviations(heard, amplitude, paths.prediction.value[direct, 1:], steep, radio)
+    level = _unknown(heard.label, np.zeros((1, len(heard))), radio)
+    flat = level / (radio.span_m * 4 * np.pi**2)
+    able = (heard.label < 0) | (heard.label == np.arange(len(sought))[:, None])
+    chance = IN_SIGHT * radio.detection_probability(amplitude)
+    clutter = np.broadcast_to(flat, able.shape)
+    return sight_votes(
+        bare.belief, Sights(chance, accuracy, able, clutter), heard, model, sought,
+        np.zeros_like(sought), mass, centre, np.random.default_rng([work.seed, bare.step, 10]),
+    )  # fmt: skip
+
+
 def _over_offsets(given: tuple[Array, Array, Array], mass: Array, centre: Array) -> Array:
     """Density of measurements by paths whose clock's offset has a mass (L, C) over cells, (L, M)."""
     shift, variance, weight = given

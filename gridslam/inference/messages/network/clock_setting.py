@@ -11,7 +11,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.messages.network.clock_evidence import agent_evidence
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.network.belief import NetworkBelief
-from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere
+from gridslam.inference.state.network.clock_frames import frames_joined, set_nowhere, within_priors
 from gridslam.inference.state.network.clock_search import NARROW_M, SET_VARIANCE, ClockSearch
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.workspace.workspace import Workspace
@@ -49,7 +49,7 @@ def set_clocks(
         return state
     search = state.clocks.updated(evidence_of(state, state.clocks.searched, scans, model, works=works))
     belief, first = state.belief, state.belief.layout.devices
-    found = search.decided(tells_no_departure(scans))
+    found = _possible(state, search, model.clocks).decided(tells_no_departure(scans))
     for row, offset in search.surest(found) if search.framed else found:
         frame, anchor = divmod(row, search.anchors)
         if search.framed:  # in which agents' clocks and other frames hang together
@@ -60,6 +60,15 @@ def set_clocks(
             belief = belief.independent(int(first[anchor]), offset, SET_VARIANCE)
         search = search.closed(row)
     return loosened(replace(state, belief=belief, clocks=frames_joined(search)))
+
+
+def _possible(state: NetworkState, search: ClockSearch, clocks: ClockModel) -> ClockSearch:
+    """A search without offsets that would take a clock of their frame beyond its prior, (M530)."""
+    if not search.framed:
+        return search
+    mean, deviation = believed_offsets(state)
+    room = clocks.half_width_m + ASTRAY * np.sqrt(_walked(_elapsed_s(state), clocks))
+    return within_priors(search, room, mean, ASTRAY * deviation)
 
 
 def agent_clock(belief: NetworkBelief, frame: int) -> int | None:
@@ -91,12 +100,10 @@ def challenge_clocks(
     if later or not closed.any() or tells_no_departure(scans):  # rival modes are hypotheses then
         return state
     evidence = evidence_of(state, closed, scans, model, works=works)
-    mean, deviation = _believed(state)
+    mean, deviation = believed_offsets(state)
     search = state.clocks.challenged(closed, evidence, mean, deviation)
-    elapsed = (
-        state.time_s - state.began_s if state.time_s is not None and state.began_s is not None else np.inf
-    )
-    for row in np.flatnonzero(closed & astray(fresh.half_widths, mean, deviation, elapsed, model.clocks)):
+    elapsed_s = _elapsed_s(state)
+    for row in np.flatnonzero(closed & astray(fresh.half_widths, mean, deviation, elapsed_s, model.clocks)):
         search = search.opened(int(row), model.clocks)
     return replace(state, clocks=search)
 
@@ -113,13 +120,24 @@ def astray(
     elapsed_s : float
         Since the first step.
     """
-    walked = (
-        clocks.walk_m**2 * elapsed_s + (clocks.drift_m * elapsed_s) ** 2 if np.isfinite(elapsed_s) else np.inf
-    )
+    walked = _walked(elapsed_s, clocks)
     return np.asarray(np.abs(mean) - half > ASTRAY * np.sqrt(deviation**2 + walked))
 
 
-def _believed(state: NetworkState) -> tuple[Array, Array]:
+def _elapsed_s(state: NetworkState) -> float:
+    """Since the first step, s; infinite where nobody knows."""
+    known = state.time_s is not None and state.began_s is not None
+    return state.time_s - state.began_s if known else np.inf
+
+
+def _walked(elapsed_s: float, clocks: ClockModel) -> float:
+    """Variance by which a clock has walked, m^2."""
+    if not np.isfinite(elapsed_s):
+        return np.inf
+    return clocks.walk_m**2 * elapsed_s + (clocks.drift_m * elapsed_s) ** 2
+
+
+def believed_offsets(state: NetworkState) -> tuple[Array, Array]:
     """Means and deviations (R,) of the offsets of all rows, m."""
     belief, anchors = state.belief, state.clocks.anchors
     devices, means, deviations = belief.layout.devices[:anchors], list[Array](), list[Array]()
@@ -151,7 +169,7 @@ def evidence_of(
         members = [agent for agent in range(len(scans)) if search.frame_of(agent) == frame]
         if not (own.any() and members):
             continue
-        whole = replace(state, belief=_without(state.belief, own, agent_clock(state.belief, frame)))
+        whole = replace(state, belief=without_clocks(state.belief, own, agent_clock(state.belief, frame)))
         for agent in members:
             scan = scans[agent]
             if scan is not None and len(scan):
@@ -163,7 +181,7 @@ def evidence_of(
     return evidence
 
 
-def _without(belief: NetworkBelief, sought: NDArray[np.bool_], root: int | None) -> NetworkBelief:
+def without_clocks(belief: NetworkBelief, sought: NDArray[np.bool_], root: int | None) -> NetworkBelief:
     """The belief with some anchors' clocks (J,) at a frame's zero."""
     first = belief.layout.devices
     for anchor in np.flatnonzero(sought).tolist():

@@ -190,6 +190,13 @@ class NetworkBelief(Belief):
         covariance = self.covariance - np.outer(column, column / size)
         return replace(self, mean=moved, covariance=0.5 * (covariance + covariance.T))
 
+    def together(self, entries: list[int], offset: float, variance: float) -> NetworkBelief:
+        """With some entries moved by the same offset, known with a variance."""
+        mean, covariance = self.mean.copy(), self.covariance.copy()
+        mean[entries] += offset
+        covariance[np.ix_(entries, entries)] += variance
+        return replace(self, mean=mean, covariance=covariance)
+
     def alike(self, entry: int, other: int) -> NetworkBelief:
         """The same with one entry as another, in all that is believed of it."""
         moved, covariance = self.mean.copy(), self.covariance.copy()

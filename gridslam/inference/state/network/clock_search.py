@@ -39,6 +39,11 @@ ELSEWHERE = 1e-13
 """Share of the mass outside of a mode that a hypothesis of it keeps."""
 
 
+def none_moved() -> Array:
+    """Nothing was said yet about agents' clocks."""
+    return np.zeros((0, 0))
+
+
 def one_frame() -> NDArray[np.intp]:
     """Frames of agents where none's clock is wide: that of the common time alone."""
     return np.zeros(0, np.intp)
@@ -65,6 +70,8 @@ class ClockSearch:
     frame : (I,) int
         Each agent's frame: 0 for the common time, ``1 + i`` for agent i's clock. Empty where no agent's clock
         is wide: then all are in frame 0.
+    moved : (I, C) nats
+        By which lines of sight have lately stood for another clock of each agent, so much earlier; or empty.
     """
 
     unset: NDArray[np.bool_]
@@ -73,6 +80,7 @@ class ClockSearch:
     since: NDArray[np.intp]
     doubt: Array
     frame: NDArray[np.intp] = field(default_factory=one_frame, metadata={"later": True})
+    moved: Array = field(default_factory=none_moved, metadata={"later": True})
 
     @classmethod
     def start(cls, clocks: ClockModel) -> ClockSearch:
@@ -120,6 +128,10 @@ class ClockSearch:
     def adrift(self, agent: int) -> bool:
         """Whether no anchor's clock tells an agent anything, since its own is wide."""
         return self.framed and bool(self.frame_of(agent) > 0 and self.open_to(agent).all())
+
+    def contested(self, agent: int) -> bool:
+        """Whether lines of sight stand for another clock of an agent, if not enough to set it there yet."""
+        return len(self.moved) > 0 and bool(self.moved[agent].max(initial=0.0) > CHALLENGED)
 
     def bearing(self, agent: int, labelled: bool) -> NDArray[np.bool_]:
         """Anchors (J,) whose paths to an agent may bear surfaces.
@@ -259,6 +271,12 @@ class ClockSearch:
         """With what was heard of a frame's open clocks forgotten, as poses were known too little for it."""
         log, own = self.log.copy(), self.rows(frame)
         log[own] = np.where((log[own] > NEVER) & self.unset[own, None], 0.0, log[own])
+        return replace(self, log=log)
+
+    def forgotten(self, frame: int) -> ClockSearch:
+        """With nothing heard of a frame's set clocks since they were set, as an agent's clock was another."""
+        log, own = self.log.copy(), self.rows(frame)
+        log[own] = np.where((log[own] > NEVER) & ~self.unset[own, None], 0.0, log[own])
         return replace(self, log=log)
 
     def moments(self, anchor: int) -> tuple[float, float]:
