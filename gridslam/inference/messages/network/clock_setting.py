@@ -126,8 +126,9 @@ def astray(
 
 def _elapsed_s(state: NetworkState) -> float:
     """Since the first step, s; infinite where nobody knows."""
-    known = state.time_s is not None and state.began_s is not None
-    return state.time_s - state.began_s if known else np.inf
+    if state.time_s is None or state.began_s is None:
+        return np.inf
+    return state.time_s - state.began_s
 
 
 def _walked(elapsed_s: float, clocks: ClockModel) -> float:
