@@ -58,9 +58,10 @@ def new_file(path: Path, overwrite: bool = False) -> Iterator[Path]:
         if not overwrite:
             with contextlib.suppress(OSError):  # not all file systems have links
                 os.link(part, path)
+                settle_folder(path.parent)
                 return
             refuse_taken([path])
-        os.replace(part, path)
+        put_in_place(part, path)
     except OSError as error:
         raise cannot_write(path, error) from error
     except InputError as error:

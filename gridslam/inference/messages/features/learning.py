@@ -48,8 +48,8 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
     best = lesson.best([best], [segment], price)
     if not old and state.sights < SIGHTED_STEPS and state.before_s is None:
         # the first steps alone left several ways open
-        begun_so = beginnings(replace(state, step=START_STEPS), segment.first(START_STEPS), front, model)
-        ways = [replace(segment, agent=lesson.judge(one.start, segment).track) for one in begun_so]
+        open_ways = beginnings(replace(state, step=START_STEPS), segment.first(START_STEPS), front, model)
+        ways = [replace(segment, agent=lesson.judge(one.start, segment).track) for one in open_ways]
         others = [lesson.rivals(way, state.joint, price[None], other=best)[0] for way in ways]
         best = best_of([best, lesson.best(others, ways, price)])
     if not old and best.joint.extent > 0 and not best.placed:
