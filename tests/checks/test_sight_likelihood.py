@@ -34,6 +34,7 @@ def test_what_is_not_measured_weighs_nothing():
     assert found[0, [VALUES + 2, SURE + 2]] == pytest.approx([3.0, 1 / ANGLE_STD])
 
 
+@pytest.mark.slow
 def test_order_of_rows_within_a_step_does_not_matter():
     scene = gs.Scene.load("hall")
     heard = gs.simulate(scene, "agent1", seed=2)
