@@ -4,8 +4,8 @@ Each seed draws a plan (7 to 18 m, slanted or missing outer walls, partitions, a
 to three anchors and a way through it, and prints one line: errors, the bound of a filter that doesn't know
 the walls, squared errors over claimed variances (2 is right), steps at which health complains, and steps that
 are wrong in silence. Methods: grid and adaptive on paths, direct_grid on samples of 3 x 3 arrays, hybrid on
-those of 2 x 2 at the agent alone, and network_grid with two agents, three anchors whose clocks nobody set,
-and no labels.
+those of 2 x 2 at the agent alone, hybrid-single on those of one antenna, and network_grid with two agents,
+three anchors whose clocks nobody set, and no labels.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ fading = "steady"
 array = { rows = 1, columns = 1 }
 false_alarms = 0.1"""
 OF_AGENT = "array = { rows = 2, columns = 2, spacing_wavelengths = 0.5 }\nheading_sensor_deg = 1.0\n"
-SIGNAL = {"direct_grid": ARRAYS, "hybrid": AGENT_ARRAY}
+SIGNAL = {"direct_grid": ARRAYS, "hybrid": AGENT_ARRAY, "hybrid-single": AGENT_ARRAY}
 CLOCKS = "[clocks]\nanchor_prior_ns = 100.0\nagent_prior_ns = 1.75\nwalk_ns = 0.05\n"
 WINDOW = "\nwindow_m = [-45.0, 95.0]\nmax_distance_m = 95.0"
 
@@ -194,6 +194,7 @@ def runs(scene: gs.Scene, seed: int, method: str) -> dict[str, Any]:
         return dict(gs.map_network(scene, heard, method=method, seed=seed, starts="exact").runs)
     what = {"what": "signal"} if method in SIGNAL else {}
     heard = gs.simulate(scene, names[0], seed, **what)
+    method = method.removesuffix("-single")
     return {names[0]: gs.map_scene(scene, heard, method=method, seed=seed, start="exact")}
 
 

@@ -51,7 +51,10 @@ def start(model: SignalModel, prior: Map | None = None) -> HybridState:
         belief = with_features(belief, known.table, known.covariance, model.anchor_positions)
     empty = Segment.empty(anchors, elements, frequencies)
     given = len(belief.features)
-    return HybridState(belief, belief, empty, next_identity=given, sights=SIGHTS if given else 0)
+    heard = SIGHTS if given else 0
+    return HybridState(
+        belief, belief, empty, next_identity=given, sights=heard, sighted=np.full(anchors, heard)
+    )
 
 
 def step(

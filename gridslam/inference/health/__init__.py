@@ -54,6 +54,9 @@ reason              said when                                   by              
 `UNPROVEN`          a start was taken from a list that lacks    `doubt.Doubt.tried`              (M392)
                     places, and nothing has borne it out
 `TURNABLE`          a vague start with one anchor and no AoD    `management.hypotheses`          section 14
+`TURNABLE`          antennas tell no directions, and fewer than    `signal_watch.assess_particles`  section 15
+                    two anchors were in sight at 10 steps or
+                    more, with features (hybrid SLAM)
 `OFF_GRID`          the agent is outside the scene's region     `management.hypotheses`          section 14
 `ASTRAY`            an agent of a network is lost, or was       `systems.network`                section 13
                     found again up to 4 steps ago

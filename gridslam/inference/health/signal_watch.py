@@ -112,7 +112,7 @@ class SignalWatch:
 
 def assess_particles(
     spread_m: float, effective: float, silent: int, early: float, anchors: int, by_particles: bool,
-    unsighted: bool = False, leap: tuple[float, int] = (0.0, DISTRUSTED),
+    unsighted: bool = False, leap: tuple[float, int] = (0.0, DISTRUSTED), turnable: bool = False,
 ) -> Health:  # fmt: skip
     """Whether hybrid SLAM still knows its agent.
 
@@ -130,6 +130,8 @@ def assess_particles(
         Whether hardly a line of sight was heard so far, and something tells where it is.
     leap : (float, int)
         By how far it was moved last as no motion does, and how many steps ago.
+    turnable : bool
+        Whether features are known, of antennas without directions, and one anchor at most was in sight.
     """
     found = []
     if silent >= SILENT:
@@ -142,6 +144,8 @@ def assess_particles(
         found.append(reasons.early(early))
     if unsighted:
         found.append(reasons.UNSIGHTED)
+    elif turnable:
+        found.append(reasons.TURNABLE)
     if leap[1] < DISTRUSTED:
         found.append(reasons.leapt(*leap))
     return Health(

@@ -136,6 +136,7 @@ class KnownHybridSlam(HybridFilter):
         table, joint = true_features(scene, self.model)
         belief = with_features(self.state.joint, table, joint, self.model.anchor_positions)
         state = replace(
-            self.state, joint=belief, before=belief, next_identity=len(belief.features), sights=SIGHTS
-        )
+            self.state, joint=belief, before=belief, next_identity=len(belief.features), sights=SIGHTS,
+            sighted=np.full(len(self.model.anchors), SIGHTS),
+        )  # fmt: skip
         self.now = self.now._replace(believed=state)

@@ -16,7 +16,8 @@ from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
 
 SIGHTS = 10
-"""Steps at which a line of sight has to have been heard, or at half of all, for it to be believed."""
+"""Steps at which a line of sight has to have been heard, or at half of all, for it to be believed; of two
+anchors, if antennas tell no directions, for the turn of agent and map about either to be known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +67,10 @@ def conclude(
     spread_m = float(np.sqrt(np.trace(moments.covariance[:2, :2])))
     believed = bool(len(joint.features)) or state.sights > 0
     unsighted = believed and state.sights < min(SIGHTS, state.step / 2)
+    alone = len(model.waveform.agent_element_m) == 1 and (state.sighted >= SIGHTS).sum() < 2
     health = assess_particles(
         spread_m, moments.effective, state.silent, state.early, len(existence), cloud is not None,
-        unsighted, (state.leap_m, state.since_leap),
+        unsighted, (state.leap_m, state.since_leap), turnable=bool(alone and len(joint.features)),
     )  # fmt: skip
     return HybridInfo(
         moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,

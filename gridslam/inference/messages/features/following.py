@@ -127,7 +127,8 @@ def counted(
     """
     silent = 0 if got.heard.any() else state.silent + 1
     belief = state.joint if state.particles is None else state.particles
-    seen, early = bool((got.heard & (belief.existence > SIGHTED)).any()), False
+    sights = got.heard & (belief.existence > SIGHTED)
+    seen, early = bool(sights.any()), False
     for j in np.flatnonzero(got.heard):
         way = moments.mean[:2] - model.anchors[j, :2]
         far = float(np.hypot(*way))
@@ -136,5 +137,5 @@ def counted(
     share = state.early + (1 - KEEP) * (early - state.early) * (early or seen)
     return replace(
         state, step=state.step + 1, silent=silent, early=share, sights=state.sights + seen,
-        since_leap=state.since_leap + 1,
+        sighted=sights + (state.sighted if len(state.sighted) else 0), since_leap=state.since_leap + 1,
     )  # fmt: skip

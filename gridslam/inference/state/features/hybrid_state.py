@@ -203,6 +203,8 @@ class HybridState:
         Share of the latest steps with a sight at which something arrived before it, see `following.counted`.
     sights : int
         Steps at which a line of sight was heard; enough from the start where an earlier agent left features.
+    sighted : (J,) int64
+        The same of each anchor; empty before the first.
     leap_m, since_leap : float, int
         By how far the agent was moved last where its motion doesn't lead, and how many steps ago.
     """
@@ -220,5 +222,8 @@ class HybridState:
     networks: FeatureNetworks | None = field(default=None, metadata={"later": True})
     early: float = field(default=0.0, metadata={"later": True})
     sights: int = field(default=0, metadata={"later": True})
+    sighted: NDArray[np.int64] = field(
+        default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True}
+    )
     leap_m: float = field(default=0.0, metadata={"later": True})
     since_leap: int = field(default=1_000_000, metadata={"later": True})
