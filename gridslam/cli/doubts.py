@@ -228,3 +228,15 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
     pairs = zip(runs, observations, strict=True)
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
     return [f"{agent}: {note}" for agent, note in found if note]
+
+
+def unknown_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
+    """Whose true tracks lack, where surfaces and map of all are scored by what the others could hear."""
+    known = [run.agent for run, one in zip(runs, observations, strict=True) if one.truth is not None]
+    others = [run.agent for run in runs if run.agent not in known]
+    if not (world.walls and known and others):
+        return []
+    return [
+        f"surfaces and map, which are of all agents, are scored by what {' and '.join(known)} alone could "
+        f"hear: no true track of {' and '.join(others)} is given"
+    ]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.doubts import map_notes, truth_notes
+from gridslam.cli.doubts import map_notes, truth_notes, unknown_notes
 from gridslam.cli.observed import hints, noted, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
@@ -97,7 +97,10 @@ def run_network(asked: Asked) -> None:
                 observed: list[Observations] = [measurements[run.agent] for run in runs]
             notes = [lambda: map_notes(prior, done.map, asked.map_file)]
             if file is not None:
-                notes.append(lambda: truth_notes(world, runs, observed))
+                notes += [
+                    lambda: truth_notes(world, runs, observed),
+                    lambda: unknown_notes(world, runs, observed),
+                ]
             (scores, whole), said, lacks = judged(
                 lambda: network_scores(done, measurements, truth),
                 lambda: ([run.score() for run in runs], done.score()),
