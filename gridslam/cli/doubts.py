@@ -149,6 +149,13 @@ def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
     return [*contradictions([earlier, later], [str(file), "this run's map"]), *filter(None, [moved])]
 
 
+def whole_walls_notes(run: Run) -> list[str]:
+    """That its method can't tell where walls are open."""
+    from gridslam.runs.notes import whole_walls_note
+
+    return list(filter(None, [whole_walls_note(run.map, run.method)]))
+
+
 def silence_notes(
     world: Scene,
     earlier: Map | None,

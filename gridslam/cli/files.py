@@ -162,6 +162,8 @@ def export(
             warnings.warn(Note(note), stacklevel=2)
     if not found.free.any():
         none = "no free cells, as of methods that map none or where too little is measured"
+        if found.surfaces is not None and not found.observed.any():
+            none += "; walls go from their first hit to their last, across doors"
         warnings.warn(Note(f"{map_file}: {none}: no map for a planner"), stacklevel=2)
     _say(f"wrote {', '.join(names)} to {shown}")
 

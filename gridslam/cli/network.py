@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.doubts import map_notes, truth_notes, unknown_notes
+from gridslam.cli.doubts import map_notes, truth_notes, unknown_notes, whole_walls_notes
 from gridslam.cli.observed import hints, noted, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
@@ -95,7 +95,9 @@ def run_network(asked: Asked) -> None:
                     view.show_map(done.map)
                 runs = list(done.runs.values())
                 observed: list[Observations] = [measurements[run.agent] for run in runs]
-            notes = [lambda: map_notes(prior, done.map, asked.map_file)]
+            notes = [
+                lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs[-1]),
+            ]
             if file is not None:
                 notes += [
                     lambda: truth_notes(world, runs, observed),

@@ -12,7 +12,14 @@ from rich.console import Console
 
 from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
-from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, radio_notes, silence_notes
+from gridslam.cli.doubts import (
+    fit_notes,
+    jolt_notes,
+    map_notes,
+    radio_notes,
+    silence_notes,
+    whole_walls_notes,
+)
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     files_of,
@@ -124,7 +131,7 @@ def _run_in_turn(asked: Asked) -> None:
                 go_on_later(folder, earlier, termination)
             notes = [
                 lambda: radio_notes(world) + _height_notes(runs) + jolt_notes(world, runs),
-                lambda: map_notes(given, runs[-1].map, asked.map_file),
+                lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs[-1]),
                 lambda: silence_notes(world, given, runs, observations, asked.map_file),
             ]
             if file is not None:

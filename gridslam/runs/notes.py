@@ -9,6 +9,7 @@ import numpy as np
 
 from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import DIVERGED_M, SETTLED_STEP, diverged, track_errors
+from gridslam.maps.map import Map
 from gridslam.runs.run_files import RunFiles
 from gridslam.systems.registry import METHODS
 from gridslam.world.trajectory import Trajectory
@@ -101,6 +102,24 @@ def unsaid_note(agent: str, score: Mapping[str, Any], method: str) -> str | None
     if method in METHODS and not METHODS[method].has_health:
         why = f"and {method}, kept as published, has no health that could say so"
     return f"{agent}: off by over 4 of its own deviations at {silent} of {steps} steps, {why}"
+
+
+def whole_walls_note(found: Map, method: str) -> str | None:
+    """That nothing tells where walls are open; None of a map with cells, or without walls that were hit.
+
+    Parameters
+    ----------
+    found : Map
+    method : str
+        The name of the one that made it.
+    """
+    table = found.surfaces
+    if table is None or found.observed.any() or not np.isfinite(table.extent_m).all(axis=1).any():
+        return None
+    return (
+        f"{method} maps no cells: each wall is drawn and exported from its first hit to its last, across "
+        "doors and gaps, which only methods with a grid find"
+    )
 
 
 def run_notes(run: RunFiles) -> list[str]:
