@@ -117,6 +117,23 @@ def test_fault_is_told_in_one_line_with_its_place(case):
     assert "\n" not in str(caught.value)
 
 
+def test_faults_of_walls_name_the_wall_where_it_has_a_name():
+    def spoilt(*path):
+        def change(world):
+            world["walls"][0]["name"] = "north"
+            put(*path)(world)
+
+        with pytest.raises(InputError) as caught:
+            Scene.from_toml(changed(change), "hall.toml")
+        return str(caught.value)
+
+    said = spoilt("walls", 0, "material", "glas")
+    assert said.startswith("hall.toml: walls[0].material (of 'north'): found 'glas'; allowed: ")
+    assert "walls[0].points_m[1][0] (of 'north'): found 'x'" in spoilt("walls", 0, "points_m", 1, 0, "x")
+    assert "0) in walls[0] ('north'); allowed" in spoilt("agents", 0, "start_m", [3.995, 0.0])
+    assert "walls[0].name: found 3" in spoilt("walls", 0, "name", 3)
+
+
 def test_broken_toml_names_file_and_line():
     with pytest.raises(InputError, match=r"hall\.toml.*line 2"):
         Scene.from_toml("name = 'x'\n[grid\n", "hall.toml")
