@@ -113,7 +113,7 @@ def export(
     from gridslam.importers.geojson import write_features, write_surfaces
     from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.maps.map import Map
-    from gridslam.runs.notes import grave_notes
+    from gridslam.runs.notes import grave_notes, planner_note
     from gridslam.runs.parts import waiting_note
     from gridslam.runs.run_files import read_run
     from gridslam.runs.track_tables import track_columns, write_track
@@ -157,14 +157,10 @@ def export(
         raise cannot_write(shown, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    for note in [waiting_note(map_file), *(grave_notes(run) if run is not None else ())]:
+    graves = grave_notes(run) if run is not None else ()
+    for note in (waiting_note(map_file), *graves, planner_note(found, map_file)):
         if note is not None:
             warnings.warn(Note(note), stacklevel=2)
-    if not found.free.any():
-        none = "no free cells, as of methods that map none or where too little is measured"
-        if found.surfaces is not None and not found.observed.any():
-            none += "; walls go from their first hit to their last, across doors"
-        warnings.warn(Note(f"{map_file}: {none}: no map for a planner"), stacklevel=2)
     _say(f"wrote {', '.join(names)} to {shown}")
 
 
@@ -328,9 +324,10 @@ def _kind(file: Path) -> str:
 
     from gridslam.io.hdf5_guard import prove
     from gridslam.io.hdf5_limits import most_claimed
+    from gridslam.world.scene_files import or_scene
 
     if not file.is_file():
-        raise InputError(str(file), "no file", KINDS)
+        raise InputError(str(file), "no file", or_scene(str(file), KINDS))
     try:
         prove(file, most_claimed(file), ["/"])
         with h5py.File(file) as content:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,16 @@ def whole_walls_note(found: Map, method: str) -> str | None:
         f"{method} maps no cells: each wall is drawn and exported from its first hit to its last, across "
         "doors and gaps, which only methods with a grid find"
     )
+
+
+def planner_note(found: Map, file: Path) -> str | None:
+    """That a map without free cells is none for a planner, and what its walls are."""
+    if found.free.any():
+        return None
+    none = "no free cells, as of methods that map none or where too little is measured"
+    if found.surfaces is not None and not found.observed.any():
+        none += "; walls go from their first hit to their last, across doors"
+    return f"{file}: {none}: no map for a planner"
 
 
 def run_notes(run: RunFiles) -> list[str]:

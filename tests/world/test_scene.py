@@ -166,8 +166,12 @@ def test_unknown_name_lists_the_bundled_scenes():
         "alcove, annex, building, canyon, ceiling, chamber, exchange, facade, hall, overlap, pillars, room, "
     )
     names += "scatter, screen, seminar"
-    with pytest.raises(InputError, match=rf"'rom'; allowed: {names}, or the path"):
-        Scene.load("rom")
+    with pytest.raises(InputError, match=rf"'tunnel'; allowed: {names}, or the path"):
+        Scene.load("tunnel")
+    for slip, meant in (("hal", "hall"), ("Hall", "hall"), ("rom", "room"), ("canion", "canyon")):
+        found = rf"'{slip}'; allowed: {meant} \(nearest known scene\); all: {names}, or the path"
+        with pytest.raises(InputError, match=found):
+            Scene.load(slip)
 
 
 def test_folder_of_a_scenes_name_does_not_hide_it(tmp_path, monkeypatch):
