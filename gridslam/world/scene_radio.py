@@ -79,7 +79,8 @@ def waveform_of(radio: Radio, anchors: Sequence[Anchor], agent: Agent, scene: st
     if radio.frequencies is None:
         allowed = (
             "frequencies and frequency_step_hz (say 41 and 1e7, and bandwidth_hz, max_distance_m and "
-            f"samples, which follow, left out), to sample signals; or a bundled scene that does: {', '.join(SAMPLED)}"
+            "samples, which follow, left out), to sample signals; or a bundled scene that does: "
+            + ", ".join(SAMPLED)
         )
         raise InputError(f"{scene}: radio.frequencies", "none", allowed)
     arrays = [(anchor.array or radio.array) for anchor in anchors]
