@@ -65,10 +65,12 @@ def agents_of(world: Scene, chosen: list[str] | None, files: Mapping[str | None,
     return names
 
 
-def free_space_note(world: Scene) -> str | None:
-    """What to say before a simulation in a scene without walls, which may be one of recorded measurements."""
+def simulation_note(world: Scene) -> str | None:
+    """What to say before a simulation: in free space, as of recorded measurements, or of hidden anchors."""
+    from gridslam.checks.scene_lines import hidden_note
+
     if world.walls:
-        return None
+        return hidden_note(world)
     return (
         f"{world.name} has no walls: simulated in free space (what was recorded there: --measurements FILE "
         "or --signal FILE)"
