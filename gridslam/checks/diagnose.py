@@ -87,7 +87,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     # by a radio that can't be meant, or clocks that may be off by so much, nothing else is told
     found = suspicions(columns, names, None if odd or loose else scene, agent, degrees)
     lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
-    lines += elevations.remarks(columns, scene, agent) if scene is not None else []
+    lines += elevations.remarks(columns, scene, agent)
     refused = [item for item in found if item.kind == "missing"]  # by `run`, too
     lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
     if repeated := repeats_line(columns):
