@@ -22,6 +22,11 @@ from gridslam.world.columns import require_distances
 from gridslam.world.network_scene import clocks_are_known
 from gridslam.world.scene import Scene
 
+UNLABELLED = (
+    "--method network and network_grid find out which, by a scene with all anchors and each agent's start "
+    "(and [clocks], where nobody set them), and a column agent where there are several"
+)
+
 
 def is_network(path: str | os.PathLike[str], scene: Scene | None = None) -> bool:
     """Whether a file of measurements has several agents, or rows that don't say whose they are.
@@ -112,7 +117,9 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
         ]
         lines += [f"suspect: agent {name} should be there and has no row" for name in absent]
         lines += _against_scene(measurements, scene)
-    if not named.all() or len(measurements.agents) > 1:
+    if not named.any():
+        lines.append(f"  no row says which anchor it is of: {UNLABELLED}")
+    elif not named.all() or len(measurements.agents) > 1:
         lines.append("  for --method network or network_grid")
     return lines
 
@@ -142,11 +149,12 @@ def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasureme
     if kind not in (".csv", ".mat"):
         return NetworkMeasurements.from_h5(path)
     if kind == ".csv":
-        anchors = csv_table.read_csv(path, None, checked=False, pseudo=True, several=True)[1]
+        anchors = csv_table.read_csv(path, None, checked=False, pseudo=True, several=True, alone="agent")[1]
     else:
         anchors = matlab.read_network_mat(path, checked=False)[1]
     if not anchors:
-        raise InputError(str(path), "no row that names an anchor", "--scene SCENE, which names them")
+        allowed = f"--scene SCENE, which names them; {UNLABELLED}"
+        raise InputError(str(path), "no row that names an anchor", allowed)
     return NetworkMeasurements.load(path, anchors, None, pseudo=True)
 
 

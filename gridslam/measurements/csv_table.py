@@ -289,7 +289,8 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
     needed = [name for name in (KEYS[:2] if several else KEYS) if name != "step"]
     for name in needed:
         if name not in header:
-            raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}")
+            more = ", or --method network, which needs no anchor" if name == "anchor" else ""
+            raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}{more}")
     if not set(header) & set(VALUES):
         raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")
     return [name for name in header if name not in known]

@@ -28,8 +28,15 @@ def test_files_of_several_agents_are_described(scene, tmp_path):
         assert "labels: 0% of the rows" in lines[1]
         assert any("agent3: steps 0 to 3" in line for line in lines)
         assert not any(line.startswith("suspect") for line in lines)
-    with pytest.raises(InputError, match="no row that names an anchor"):
+        assert lines[-1].startswith(
+            "  no row says which anchor it is of: --method network and network_grid find"
+        )
+    needs = r"no row that names an anchor; allowed: --scene .* --method network and network_grid find out"
+    with pytest.raises(InputError, match=needs):
         describe_network(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text("step,time_s,distance_m\n0,0,1.5\n")  # nor does it say whose it is
+    with pytest.raises(InputError, match=needs):
+        describe_network(tmp_path / "b.csv")
 
 
 def test_clocks_and_labels_that_are_missing_are_named(scene, tmp_path):

@@ -78,4 +78,4 @@ def test_a_scene_with_heights_is_taken_by_its_word(tmp_path):
     assert suspects(path, scene) == []
     assert suspects(path) != []
     (note,) = [line for line in describe_signal(path, scene) if line.startswith("note: ")]
-    assert "tall has heights, and methods on sampled signals (direct, hybrid) refuse such scenes" in note
+    assert "scene has heights, and methods on sampled signals (direct, hybrid) refuse such scenes" in note

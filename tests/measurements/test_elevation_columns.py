@@ -130,6 +130,6 @@ def test_check_says_where_nothing_is_made_of_elevations(tmp_path):
     assert sum("isn't used: it has no deviations" in line for line in notes) == 2
     (alone,) = [line for line in describe(tmp_path / "a.csv") if "elevation" in line and "note" in line]
     assert alone == (
-        "note: aod_elevation_rad and aoa_elevation_rad: only --method grid and adaptive use them, in scenes with "
-        "heights"
+        "note: aod_elevation_rad and aoa_elevation_rad: only --method grid and adaptive use them, "
+        "in scenes with heights"
     )
