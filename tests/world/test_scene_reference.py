@@ -74,3 +74,11 @@ def test_scene_is_shown_as_it_is_or_with_all_keys(say):
     Path("own.toml").write_text(plain.out)
     assert say("scene", "show", "own.toml").out == plain.out
     assert say("scene", "show", "nowhere").code == 2
+
+
+def test_deviations_of_heights_say_what_they_are_what_0_is_and_who_uses_them():
+    for text in {key.meaning for key in keys() if key.name == "height_std_m"}:
+        assert "`height_m`" in text
+        assert "standard deviation" in text
+        assert "0 is exactly known" in text
+        assert "other methods refuse" in text
