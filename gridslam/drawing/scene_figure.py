@@ -158,10 +158,17 @@ def _agent(axes: Axes, agent: Agent, way: Array | None, color: str, first: bool)
     if way is not None:
         axes.plot(*way.T, color=color, lw=1.2, label=plain(f"{agent.name}'s way"), zorder=4)
         along = np.append(0, np.linalg.norm(np.diff(way, axis=0), axis=1).cumsum())
-        for share in ARROWS:
+        for share in ARROWS if len(way) > 1 else ():
             row = int(np.clip(np.searchsorted(along, share * along[-1]), 1, len(way) - 1))
             style = {"arrowstyle": "-|>", "color": color, "lw": 1.2, "shrinkA": 0, "shrinkB": 0}
             axes.annotate("", way[row], way[row - 1], arrowprops=style, zorder=4)
+        still = agent.pauses > 0
+        for place, pause in zip(agent.way[still], agent.pauses[still], strict=True):
+            nearest = way[np.linalg.norm(way - place, axis=1).argmin()]
+            axes.plot(*nearest, "o", color=color, mfc="w", ms=4, ls="", zorder=5)
+            axes.annotate(
+                f"{pause:g} s", tuple(nearest), (5, 4), textcoords="offset points", fontsize=6, color=color
+            )
         axes.plot(*way[-1], "s", color=color, ms=3.5, ls="", zorder=5, label="end" if first else None)
     place = np.array(agent.start_m)
     _facing(axes, place, float(np.radians(agent.start_heading_deg)), color)
@@ -177,6 +184,5 @@ def _agent(axes: Axes, agent: Agent, way: Array | None, color: str, first: bool)
 def _facing(axes: Axes, place: Array, angle: float, color: str) -> None:
     """A short arrow from a device to where its array faces."""
     tip = FACING_POINTS * unit(angle)
-    style = {"arrowstyle": "->", "color": color, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate("", tuple(place), tuple(tip), textcoords="offset points", zorder=5,
-                  arrowprops={**style, "arrowstyle": "<-"})  # fmt: skip
+    style = {"arrowstyle": "<-", "color": color, "lw": 0.8, "shrinkA": 0, "shrinkB": 0}  # drawn from its tip
+    axes.annotate("", tuple(place), tuple(tip), textcoords="offset points", zorder=5, arrowprops=style)

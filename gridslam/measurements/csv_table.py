@@ -129,14 +129,14 @@ def read_csv(
                 raise InputError(where, f"{len(cells)} cells", f"{len(header)} cells, as in the header")
             if cells:
                 lines.append(reader.line_num)
-                own = [
+                here = [
                     (cell.strip(), name)
                     for cell, name in zip(cells, header, strict=True)
                     if name not in extra
                 ]
-                table.extend(_number(cell, name, names.get(name), where, comma) for cell, name in own)
+                table.extend(_number(cell, name, names.get(name), where, comma) for cell, name in here)
                 if comma:
-                    marks.look(own, where)
+                    marks.look(here, where)
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
     header = [name for name in header if name not in extra]

@@ -14,6 +14,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
+from gridslam.world.filter_settings import FilterSettings
 from gridslam.world.geometry import Segments, wrap
 from gridslam.world.levels import Level, Verticals, check_heights, verticals_of
 from gridslam.world.names import Label
@@ -24,7 +25,6 @@ from gridslam.world.scene_files import scene_tables, scene_text
 from gridslam.world.scene_parts import (
     Agent,
     Anchor,
-    FilterSettings,
     GridSpec,
     Name,
     Radio,

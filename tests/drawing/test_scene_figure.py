@@ -36,6 +36,12 @@ def test_all_is_within_the_picture_what_lies_beyond_the_region_too():
     assert axes.get_xlim()[1] > room["grid"]["x_m"][1]
 
 
+def test_a_way_of_one_step_has_no_arrows():
+    room = gs.Scene.load("room").model_dump(exclude_none=True)
+    short = gs.Scene.checked({**room, "agents": [{**room["agents"][0], "steps": 1}]}, "short")
+    assert len(encoded(draw_scene(short))) > 5000
+
+
 def test_a_scene_of_anchors_alone_and_names_with_dollars_are_drawn():
     room = gs.Scene.load("room").model_dump(exclude_none=True)
     anchor = {**room["anchors"][0], "name": "a$b$"}

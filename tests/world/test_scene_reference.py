@@ -34,6 +34,8 @@ def test_key_without_a_meaning_is_an_error(monkeypatch):
         ("filter", "correlated", "", "true", "true, false"),
         ("", "frame", "", "-", "text"),
         ("[agents]", "waypoints_m", "m", "-", "points [x, y]"),
+        ("[agents]", "pause_s", "s", "-", "numbers, from 0"),
+        ("[anchors]", "position_m", "m", "required", "two or three numbers"),
     ],
 )
 def test_unit_default_and_range_are_those_of_the_type(table, name, unit, default, allowed):
