@@ -35,6 +35,7 @@ def run_network(asked: Asked) -> None:
     from gridslam.maps.map import Map
     from gridslam.runs.network_files import clock_files
     from gridslam.runs.network_run import map_network, network_scores
+    from gridslam.runs.notes import lost_makers
     from gridslam.runs.progress import network_progress_bar
     from gridslam.runs.stopping import StoppedLate, held_back
 
@@ -64,7 +65,8 @@ def run_network(asked: Asked) -> None:
             other = (
                 None if file is None else simulated_note(world, file, measurements.agents, measurements.table)
             )
-            told = [*filter(None, (other, note)), *hints(world, asked.method, given_rows)]
+            of_map = [note, *lost_makers(asked.map_file)]
+            told = [*filter(None, (other, *of_map)), *hints(world, asked.method, given_rows)]
             for line in (*place.notes, *told):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)

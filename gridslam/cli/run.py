@@ -79,6 +79,7 @@ def _run_in_turn(asked: Asked) -> None:
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
     from gridslam.measurements.first_steps import first_heard
+    from gridslam.runs.notes import lost_makers
     from gridslam.runs.stopping import held_back
 
     world, method = asked.world, asked.method
@@ -119,7 +120,8 @@ def _run_in_turn(asked: Asked) -> None:
             runtime.start(asked.device, asked.threads)
             taken = _taken_note(asked, names, files)
             other = [simulated_note(world, by_name[name], name, own) for name, own in known.items()]
-            before = [*filter(None, (*other, note)), *hints(world, method, every[names[0]])]
+            of_map = [note, *lost_makers(asked.map_file)]
+            before = [*filter(None, (*other, *of_map)), *hints(world, method, every[names[0]])]
             for line in (*place.notes, taken, *before):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)

@@ -167,8 +167,9 @@ def _agent(axes: Axes, agent: Agent, way: Array | None, color: str, first: bool)
             nearest = way[np.linalg.norm(way - place, axis=1).argmin()]
             axes.plot(*nearest, "o", color=color, mfc="w", ms=4, ls="", zorder=5)
             axes.annotate(
-                f"{pause:g} s", tuple(nearest), (5, 4), textcoords="offset points", fontsize=6, color=color
-            )
+                f"{pause:g} s", tuple(nearest), (5, -4), textcoords="offset points", fontsize=6, va="top",
+                color=color, path_effects=[withStroke(linewidth=1.5, foreground="w")], zorder=6,
+            )  # fmt: skip
         axes.plot(*way[-1], "s", color=color, ms=3.5, ls="", zorder=5, label="end" if first else None)
     place = np.array(agent.start_m)
     _facing(axes, place, float(np.radians(agent.start_heading_deg)), color)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import DIVERGED_M, SETTLED_STEP, diverged, track_errors
 from gridslam.maps.map import Map
-from gridslam.runs.run_files import RunFiles
+from gridslam.runs.run_files import RunFiles, read_summary
 from gridslam.systems.registry import METHODS
 from gridslam.world.trajectory import Trajectory
 
@@ -131,6 +133,29 @@ def planner_note(found: Map, file: Path) -> str | None:
     if found.surfaces is not None and not found.observed.any():
         none += "; walls go from their first hit to their last, across doors"
     return f"{file}: {none}: no map for a planner"
+
+
+def lost_makers(map_file: Path | None) -> list[str]:
+    """Who of those that made a map was lost, by the notes of the run's folder that it lies in, if it does.
+
+    Parameters
+    ----------
+    map_file : Path or None
+        In the folder itself or in that of one agent, who alone is asked then.
+    """
+    if map_file is None:
+        return []
+    above = map_file.resolve().parent
+    for folder, agent in ((above, ""), (above.parent, above.name)):
+        if (folder / "run.json").is_file():
+            with suppress(InputError):  # a map is read, whatever lies beside it
+                notes = [str(note) for note in read_summary(folder).get("notes") or ()]
+                lost = [note for note in notes if ": lost: " in note and note.startswith(agent)]
+                return [
+                    f"{map_file}: by its run's notes, {note}: map it again, or go on from another"
+                    for note in lost
+                ]
+    return []
 
 
 def run_notes(run: RunFiles) -> list[str]:

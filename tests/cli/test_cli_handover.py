@@ -112,3 +112,21 @@ def test_measurements_that_a_map_holds_already_are_refused(say, short_room):
     assert "--map for agent1: found agent1's run " in line
     assert "made of these very measurements: they would count twice; allowed: a map made without" in line
     assert say(*first, "--seed", 2, "--map", "first/map.h5", "-o", "then").code == 0
+
+
+@pytest.mark.slow
+@runs
+def test_maps_of_agents_that_were_lost_are_taken_with_a_note(say, short_room, tmp_path):
+    for seed in (1, 2):
+        assert (
+            say("run", short_room, "--agent", "agent1", "--steps", 3, "--seed", seed, "-o", f"run{seed}").code
+            == 0
+        )
+    path = tmp_path / "run1" / "run.json"
+    summary = json.loads(path.read_text())
+    path.write_text(json.dumps({**summary, "notes": ["agent1: lost: 9.00 m off at step 9, the last"]}))
+    told = "note: run1/map.h5: by its run's notes, agent1: lost: 9.00 m off at step 9, the last: map it again"
+    assert told in say("fuse", "run1", "run2", "-o", "both.h5").err
+    next_one = ("run", short_room, "--agent", "agent1", "--steps", 3, "--seed", 3, "--map", "run1")
+    assert told in say(*next_one, "-o", "next").err
+    assert "by its run's notes" not in say("fuse", "run2", "run2", "-o", "none.h5").err

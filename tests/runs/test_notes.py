@@ -13,6 +13,7 @@ from gridslam.cli.run_end import Done, _table
 from gridslam.runs.notes import (
     grave_notes,
     health_notes,
+    lost_makers,
     lost_note,
     silence_note,
     unsaid_note,
@@ -151,3 +152,19 @@ def test_a_method_without_cells_is_said_to_draw_walls_across_doors():
     assert whole_walls_note(replace(grid, surfaces=hit), "grid") is None
     assert whole_walls_note(replace(bare, surfaces=table), "direct") is None  # none was hit
     assert whole_walls_note(replace(bare, surfaces=None), "los") is None
+
+
+def test_maps_of_lost_agents_are_known_by_the_run_that_they_lie_in(tmp_path):
+    assert lost_makers(None) == lost_makers(tmp_path / "map.h5") == []
+    summary = {
+        "agents": {"agent1": {}, "agent2": {}},
+        "notes": [LOST, "agent2: up to 1.07 m off, found again"],
+    }
+    (tmp_path / "agent1").mkdir()
+    (tmp_path / "run.json").write_text(json.dumps(summary))
+    (note,) = lost_makers(tmp_path / "map.h5")
+    assert note == f"{tmp_path / 'map.h5'}: by its run's notes, {LOST}: map it again, or go on from another"
+    assert len(lost_makers(tmp_path / "agent1" / "map.h5")) == 1
+    assert lost_makers(tmp_path / "agent2" / "map.h5") == []
+    (tmp_path / "run.json").write_text("{")
+    assert lost_makers(tmp_path / "map.h5") == []
