@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from gridslam.checks.diagnose import HELD_OFFSETS
 from gridslam.checks.network_devices import device_lines, devices
 from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
 from gridslam.checks.range_words import clocks_advice
@@ -121,6 +123,27 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
         lines.append(f"  no row says which anchor it is of: {UNLABELLED}")
     elif not named.all() or len(measurements.agents) > 1:
         lines.append("  for --method network or network_grid")
+    return lines
+
+
+def judged_by_angles(
+    lines: list[str], path: str | os.PathLike[str], scene: Scene | None, agent: str | None
+) -> list[str]:
+    """Lines of `diagnose.describe` about one agent's table; by its angles where clocks hide lengths.
+
+    Parameters
+    ----------
+    lines : list of str
+    path, scene, agent
+        As of `diagnose.describe`.
+    """
+    held = [line for line in lines if line.startswith(HELD_OFFSETS)]
+    if scene is None or not held or not scene.agents or any(line.startswith("refused: ") for line in lines):
+        return lines
+    name = agent if agent is not None else scene.agents[0].name
+    with suppress(InputError):  # whoever reads the file is told
+        measurements = NetworkMeasurements.load(path, scene.anchor_names, [name], pseudo=True)
+        return [line for line in lines if line not in held] + _against_scene(measurements, scene)
     return lines
 
 

@@ -52,7 +52,7 @@ def check(
     there is too little to tell ("unsure:"); 2: it can't be read.
     """
     from gridslam.checks.diagnose import describe
-    from gridslam.checks.network_tables import describe_network, is_network
+    from gridslam.checks.network_tables import describe_network, is_network, judged_by_angles
     from gridslam.checks.signal_files import describe_signal
     from gridslam.checks.verdict import UNSURE
     from gridslam.measurements.recording import Recording
@@ -77,6 +77,7 @@ def check(
         lines = describe_network(file, world)
     else:
         lines = (describe_signal if samples else describe)(file, world, agent)
+        lines = judged_by_angles(lines, file, world, agent)
     if world is None and not any(line.startswith("line of sight") for line in lines):
         lines.append(
             "not told without a scene: whether units, angles and anchors' names fit, by lines of sight: add "
