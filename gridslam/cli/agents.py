@@ -31,6 +31,8 @@ def require_kind(measurements: Path | None, signal: Path | None, takes: Kind, me
         raise InputError("--signal", f"{signal} together with --measurements", "one of them")
     if signal is not None and takes == "paths":
         way = f"--measurements FILE: gridslam extract {signal} -o FILE.csv makes it"
+        if signal.suffix.lower() == ".csv":  # no samples are kept so
+            way = f"--measurements {signal}"
         raise InputError("--signal", f"{signal}, with method {method!r}, which takes path measurements", way)
     if measurements is not None and takes == "signal":
         found = f"{measurements}, with method {method!r}, which takes sampled signals"
