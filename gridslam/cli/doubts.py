@@ -149,11 +149,18 @@ def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
     return [*contradictions([earlier, later], [str(file), "this run's map"]), *filter(None, [moved])]
 
 
-def whole_walls_notes(run: Run) -> list[str]:
-    """That its method can't tell where walls are open."""
-    from gridslam.runs.notes import whole_walls_note
+def whole_walls_notes(runs: Sequence[Run], earlier: Map | None) -> list[str]:
+    """That their method can't tell where walls are open, and where nothing was heard off them in between.
 
-    return list(filter(None, [whole_walls_note(run.map, run.method)]))
+    Of a map that they began with nobody knows the hits.
+    """
+    from gridslam.runs.notes import whole_walls_note
+    from gridslam.runs.unhit import unhit, unhit_words
+
+    surfaces, note = runs[-1].map.surfaces, whole_walls_note(runs[-1].map, runs[-1].method)
+    if note is None or surfaces is None or earlier is not None:
+        return [note] if note is not None else []
+    return [note + unhit_words(unhit([one for run in runs for one in run.estimates], surfaces))]
 
 
 def silence_notes(
