@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
 from gridslam.arrays import Array
-from gridslam.drawing.anchor_labels import anchors
+from gridslam.drawing.anchor_labels import anchors, side_of
 from gridslam.drawing.map_figure import MARGIN, frame, scatterers, sized
 from gridslam.drawing.widths import PAGE_IN
 from gridslam.wording import counted
@@ -28,8 +28,6 @@ LETTER = 0.55
 """Width of a letter, of its height."""
 MOST_MATERIALS, MOST_NAMED = 8, 10
 """In the legend; and walls up to which names stand beside devices, too, where there is no other room."""
-DOWNWARDS = -0.3
-"""Sine of a heading below which the agent's name stands above it."""
 ARROWS = (0.3, 0.75)
 """Where on a way an arrow says which way it goes, of its length."""
 FACING_POINTS, CLEAR_POINTS = 20, 22
@@ -53,7 +51,7 @@ def draw_scene(scene: Scene, width: float = PAGE_IN) -> Figure:
     _walls(axes, scene)
     scatterers(axes, scene, "#666666")
     for number, agent in enumerate(scene.agents):
-        _agent(axes, agent, tracks.get(agent.name), WAYS[number % len(WAYS)], number == 0)
+        _agent(axes, scene, agent, tracks.get(agent.name), WAYS[number % len(WAYS)], number == 0)
     turned = "aod" in scene.radio.measures
     for place, angle in zip(scene.anchor_positions, scene.anchor_orientations, strict=True):
         if turned:
@@ -153,8 +151,11 @@ def _wall_names(axes: Axes, scene: Scene, scale: float) -> None:
         )  # fmt: skip
 
 
-def _agent(axes: Axes, agent: Agent, way: Array | None, color: str, first: bool) -> None:
+def _agent(axes: Axes, scene: Scene, agent: Agent, way: Array | None, color: str, first: bool) -> None:
     """Start, way and name of an agent."""
+    place = np.array(agent.start_m)
+    _facing(axes, place, float(np.radians(agent.start_heading_deg)), color)
+    axes.plot(*place, "o", color=color, mec="w", ms=6, ls="", zorder=5, label="start" if first else None)
     if way is not None:
         axes.plot(*way.T, color=color, lw=1.2, label=plain(f"{agent.name}'s way"), zorder=4)
         along = np.append(0, np.linalg.norm(np.diff(way, axis=0), axis=1).cumsum())
@@ -171,14 +172,13 @@ def _agent(axes: Axes, agent: Agent, way: Array | None, color: str, first: bool)
                 color=color, path_effects=[withStroke(linewidth=1.5, foreground="w")], zorder=6,
             )  # fmt: skip
         axes.plot(*way[-1], "s", color=color, ms=3.5, ls="", zorder=5, label="end" if first else None)
-    place = np.array(agent.start_m)
-    _facing(axes, place, float(np.radians(agent.start_heading_deg)), color)
-    axes.plot(*place, "o", color=color, mec="w", ms=6, ls="", zorder=5, label="start" if first else None)
-    side = 9 if np.sin(np.radians(agent.start_heading_deg)) < DOWNWARDS else -9
+    corners = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    across, up = side_of(place, scene, corners, unit(np.radians(agent.start_heading_deg)))
     halo = [withStroke(linewidth=2, foreground="w")]
     axes.annotate(
-        plain(agent.name), tuple(place), (0, side), textcoords="offset points", ha="center", va="center",
-        fontsize="small", color=color, path_effects=halo, zorder=6,
+        plain(agent.name), tuple(place), (4 * across, 6 * up), textcoords="offset points",
+        ha="left" if across > 0 else "right", va="bottom" if up > 0 else "top", fontsize="small", color=color,
+        path_effects=halo, zorder=6,
     )  # fmt: skip
 
 
