@@ -20,6 +20,8 @@ from gridslam.world.scene import Scene
 
 LEG_M, BLUNT_LEG_M, LEAST = 0.5, 1.0, 20
 """Way by which a course is told, of a run and by lines of sight; least number of steps that have one."""
+LEG_DEVIATIONS = 10.0
+"""The same in deviations of the positions: a vague track isn't taken for a way that turns."""
 ASIDE, BACKWARDS = np.radians(30.0), np.radians(150.0)
 """Mean angle between heading and course from which on the agent goes sideways, and backwards."""
 STEADY, STILL, BENT = 0.95, 0.99, 0.9
@@ -91,7 +93,8 @@ def course_note(estimates: Sequence[Estimate]) -> str | None:
     """
     place = np.array([one.position_m[:2] for one in estimates]).reshape(-1, 2)
     heading = np.array([np.nan if one.heading_rad is None else one.heading_rad for one in estimates])
-    course = Course.of(place, heading)
+    spread = [np.sqrt(np.trace(one.covariance[:2, :2])) for one in estimates]
+    course = Course.of(place, heading, max(LEG_M, LEG_DEVIATIONS * float(np.median(spread or [0.0]))))
     if course is None:
         return None
     turn_rad = course.aside_rad()

@@ -51,6 +51,8 @@ def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = Non
         return {name: whole[name] for name in names if name in whole}, tuple(whole["anchors"])
 
 
+HELD_OFFSETS = f"{UNSURE}distances hold offsets of the scene's clocks,"
+"""How a line begins about a table of which no more is told here."""
 TOLD_APART_M = 3.0
 """Offset of clocks up to which lines of sight are still told by their lengths."""
 
@@ -87,7 +89,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     # by a radio that can't be meant, or clocks that may be off by so much, nothing else is told
     found = suspicions(columns, names, None if odd or loose else scene, agent, degrees)
     lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
-    lines += elevations.remarks(columns, scene, agent) if scene is not None else []
+    lines += elevations.remarks(columns, scene, agent)
     refused = [item for item in found if item.kind == "missing"]  # by `run`, too
     lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
     if repeated := repeats_line(columns):
@@ -101,8 +103,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     lines += [f"refused: {item}" for item in refused]
     if loose:
         lines.append(
-            f"{UNSURE}distances hold offsets of the scene's clocks, up to {offset_m:.0f} m, so that lines of "
-            "sight aren't judged; in a file with a column agent they are, by angles"
+            f"{HELD_OFFSETS} up to {offset_m:.0f} m, so that lines of sight aren't judged by their lengths"
         )
     elif scene is not None and not (found or odd or any(line.startswith("refused: ") for line in lines)):
         place = _anchors(names, scene)

@@ -61,9 +61,13 @@ def _miss(values: Array, true: Array) -> float:
     return float(np.median(np.abs(values - true)))
 
 
-def remarks(columns: Columns, scene: Scene, agent: str | None) -> list[str]:
+def remarks(columns: Columns, scene: Scene | None, agent: str | None) -> list[str]:
     """Elevations of which no filter makes anything, and why."""
     notes = list[str]()
+    if scene is None:
+        measured = " and ".join(name for name in ELEVATIONS if len(finite(columns, name)))
+        where = "only --method grid and adaptive use them, in scenes with heights"
+        return [f"note: {measured}: {where}"] if measured else notes
     known = scene.signal_model(agent if agent or not scene.agents else scene.agents[0].name)
     for end, name in enumerate(ELEVATIONS):
         if not len(finite(columns, name)):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from gridslam.checks.diagnose import HELD_OFFSETS
 from gridslam.checks.network_devices import device_lines, devices
 from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
 from gridslam.checks.range_words import clocks_advice
@@ -21,6 +23,11 @@ from gridslam.wording import counted
 from gridslam.world.columns import require_distances
 from gridslam.world.network_scene import clocks_are_known
 from gridslam.world.scene import Scene
+
+UNLABELLED = (
+    "--method network and network_grid find out which, by a scene with all anchors and each agent's start "
+    "(and [clocks], where nobody set them), and a column agent where there are several"
+)
 
 
 def is_network(path: str | os.PathLike[str], scene: Scene | None = None) -> bool:
@@ -112,8 +119,31 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
         ]
         lines += [f"suspect: agent {name} should be there and has no row" for name in absent]
         lines += _against_scene(measurements, scene)
-    if not named.all() or len(measurements.agents) > 1:
+    if not named.any():
+        lines.append(f"  no row says which anchor it is of: {UNLABELLED}")
+    elif not named.all() or len(measurements.agents) > 1:
         lines.append("  for --method network or network_grid")
+    return lines
+
+
+def judged_by_angles(
+    lines: list[str], path: str | os.PathLike[str], scene: Scene | None, agent: str | None
+) -> list[str]:
+    """Lines of `diagnose.describe` about one agent's table; by its angles where clocks hide lengths.
+
+    Parameters
+    ----------
+    lines : list of str
+    path, scene, agent
+        As of `diagnose.describe`.
+    """
+    held = [line for line in lines if line.startswith(HELD_OFFSETS)]
+    if scene is None or not held or not scene.agents or any(line.startswith("refused: ") for line in lines):
+        return lines
+    name = agent if agent is not None else scene.agents[0].name
+    with suppress(InputError):  # whoever reads the file is told
+        measurements = NetworkMeasurements.load(path, scene.anchor_names, [name], pseudo=True)
+        return [line for line in lines if line not in held] + _against_scene(measurements, scene)
     return lines
 
 
@@ -142,11 +172,12 @@ def _read(path: str | os.PathLike[str], scene: Scene | None) -> NetworkMeasureme
     if kind not in (".csv", ".mat"):
         return NetworkMeasurements.from_h5(path)
     if kind == ".csv":
-        anchors = csv_table.read_csv(path, None, checked=False, pseudo=True, several=True)[1]
+        anchors = csv_table.read_csv(path, None, checked=False, pseudo=True, several=True, alone="agent")[1]
     else:
         anchors = matlab.read_network_mat(path, checked=False)[1]
     if not anchors:
-        raise InputError(str(path), "no row that names an anchor", "--scene SCENE, which names them")
+        allowed = f"--scene SCENE, which names them; {UNLABELLED}"
+        raise InputError(str(path), "no row that names an anchor", allowed)
     return NetworkMeasurements.load(path, anchors, None, pseudo=True)
 
 

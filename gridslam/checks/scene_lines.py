@@ -35,10 +35,32 @@ def scene_lines(scene: Scene) -> list[str]:
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
     lines += [f"suspect: {found}" for found in implausible_radio(scene)]
     lines += _beyond(scene)
+    lines += [f"note: {found}" for found in [hidden_note(scene)] if found]
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
             lines.append(f"  {agent.name}: {_in_sight(scene, scene.track(agent.name).position_m)}")
     return lines
+
+
+def hidden_note(scene: Scene) -> str | None:
+    """Which anchors no line of sight leads to from any step of any agent's way; None if none is hidden."""
+    ways = [scene.track(agent.name).position_m for agent in scene.agents if agent.waypoints_m is not None]
+    if not (scene.walls and ways):
+        return None
+    walls, way = scene.segments(), np.concatenate(ways)
+    hidden = [
+        f"{name} at ({x:g}, {y:g})"
+        for name, (x, y) in zip(scene.anchor_names, scene.anchor_positions.tolist(), strict=True)
+        if not visible(np.broadcast_to([x, y], way.shape), way, walls).any()
+    ]
+    if not hidden:
+        return None
+    named = ", ".join(hidden[:MOST_NAMED])
+    rest = f" and {len(hidden) - MOST_NAMED} more" * (len(hidden) > MOST_NAMED)
+    return (
+        f"anchor{'s' * (len(hidden) > 1)} {named}{rest}: hidden by walls from all steps of all agents' ways. "
+        "If that isn't meant, see positions, walls and waypoints_m: gridslam scene draw"
+    )
 
 
 def implausible_radio(scene: Scene) -> list[str]:

@@ -32,6 +32,10 @@ THERE, BETTER = 0.5, 0.25
 """Share of the peak that a reading must have at the line of sight; how much more than as it stands."""
 OFFSET_THERE = 0.8
 """The same of an offset of all delays: where the line of sight is hidden, a later path is the strongest."""
+PLANAR = (
+    "and methods on sampled signals (direct, hybrid) refuse such scenes: gridslam extract makes paths of the "
+    "samples, for grid and adaptive"
+)
 READABLE = (1e4, 1e9)
 """Frequency steps (Hz) that a radio may have."""
 
@@ -75,6 +79,8 @@ def describe_signal(
     except (InputError, IndexError):
         return lines  # whoever reads the file is told
     lines += _band(waveform, scene)
+    if scene is not None and scene.has_heights:
+        lines.append(f"note: {scene.name} has heights, {PLANAR}")
     lines += _units(raw, waveform)
     usable = _usable_snapshots(raw, samples)
     if not usable.any():

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.checks.views import in_view
 from gridslam.world.geometry import direction
 from gridslam.world.scene import Scene
 
@@ -52,6 +53,8 @@ def places_of(
 ) -> Places | None:
     """Snapshots at which the line of sight is known; None where no place is.
 
+    Along a true track those that the scene's walls hide are left out.
+
     Parameters
     ----------
     raw : dict
@@ -87,6 +90,9 @@ def places_of(
     else:
         return None
     row, anchor = np.nonzero(usable[chosen])
+    if scene is not None and truth is not None and len(anchors) == len(scene.anchors):
+        seen = in_view(position[row], np.asarray(anchors)[anchor], scene.segments())
+        row, anchor = (row[seen], anchor[seen]) if seen.any() else (row, anchor)
     if not len(row):
         return None
     way = np.column_stack([position[row] - np.asarray(anchors)[anchor], rise[anchor]])

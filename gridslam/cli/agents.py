@@ -31,6 +31,8 @@ def require_kind(measurements: Path | None, signal: Path | None, takes: Kind, me
         raise InputError("--signal", f"{signal} together with --measurements", "one of them")
     if signal is not None and takes == "paths":
         way = f"--measurements FILE: gridslam extract {signal} -o FILE.csv makes it"
+        if signal.suffix.lower() == ".csv":  # no samples are kept so
+            way = f"--measurements {signal}"
         raise InputError("--signal", f"{signal}, with method {method!r}, which takes path measurements", way)
     if measurements is not None and takes == "signal":
         found = f"{measurements}, with method {method!r}, which takes sampled signals"
@@ -65,10 +67,12 @@ def agents_of(world: Scene, chosen: list[str] | None, files: Mapping[str | None,
     return names
 
 
-def free_space_note(world: Scene) -> str | None:
-    """What to say before a simulation in a scene without walls, which may be one of recorded measurements."""
+def simulation_note(world: Scene) -> str | None:
+    """What to say before a simulation: in free space, as of recorded measurements, or of hidden anchors."""
+    from gridslam.checks.scene_lines import hidden_note
+
     if world.walls:
-        return None
+        return hidden_note(world)
     return (
         f"{world.name} has no walls: simulated in free space (what was recorded there: --measurements FILE "
         "or --signal FILE)"

@@ -149,6 +149,20 @@ def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
     return [*contradictions([earlier, later], [str(file), "this run's map"]), *filter(None, [moved])]
 
 
+def whole_walls_notes(runs: Sequence[Run], earlier: Map | None) -> list[str]:
+    """That their method can't tell where walls are open, and where nothing was heard off them in between.
+
+    Of a map that they began with nobody knows the hits.
+    """
+    from gridslam.runs.notes import whole_walls_note
+    from gridslam.runs.unhit import unhit, unhit_words
+
+    surfaces, note = runs[-1].map.surfaces, whole_walls_note(runs[-1].map, runs[-1].method)
+    if note is None or surfaces is None or earlier is not None:
+        return [note] if note is not None else []
+    return [note + unhit_words(unhit([one for run in runs for one in run.estimates], surfaces))]
+
+
 def silence_notes(
     world: Scene,
     earlier: Map | None,
@@ -228,3 +242,15 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
     pairs = zip(runs, observations, strict=True)
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
     return [f"{agent}: {note}" for agent, note in found if note]
+
+
+def unknown_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
+    """Whose true tracks lack, where surfaces and map of all are scored by what the others could hear."""
+    known = [run.agent for run, one in zip(runs, observations, strict=True) if one.truth is not None]
+    others = [run.agent for run in runs if run.agent not in known]
+    if not (world.walls and known and others):
+        return []
+    return [
+        f"surfaces and map, which are of all agents, are scored by what {' and '.join(known)} alone could "
+        f"hear: no true track of {' and '.join(others)} is given"
+    ]

@@ -52,7 +52,7 @@ def check(
     there is too little to tell ("unsure:"); 2: it can't be read.
     """
     from gridslam.checks.diagnose import describe
-    from gridslam.checks.network_tables import describe_network, is_network
+    from gridslam.checks.network_tables import describe_network, is_network, judged_by_angles
     from gridslam.checks.signal_files import describe_signal
     from gridslam.checks.verdict import UNSURE
     from gridslam.measurements.recording import Recording
@@ -77,6 +77,7 @@ def check(
         lines = describe_network(file, world)
     else:
         lines = (describe_signal if samples else describe)(file, world, agent)
+        lines = judged_by_angles(lines, file, world, agent)
     if world is None and not any(line.startswith("line of sight") for line in lines):
         lines.append(
             "not told without a scene: whether units, angles and anchors' names fit, by lines of sight: add "
@@ -113,7 +114,7 @@ def export(
     from gridslam.importers.geojson import write_features, write_surfaces
     from gridslam.io.files import beside, cannot_write, put_in_place, refuse_taken
     from gridslam.maps.map import Map
-    from gridslam.runs.notes import grave_notes
+    from gridslam.runs.notes import grave_notes, planner_note
     from gridslam.runs.parts import waiting_note
     from gridslam.runs.run_files import read_run
     from gridslam.runs.track_tables import track_columns, write_track
@@ -157,12 +158,10 @@ def export(
         raise cannot_write(shown, error) from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    for note in [waiting_note(map_file), *(grave_notes(run) if run is not None else ())]:
+    graves = grave_notes(run) if run is not None else ()
+    for note in (waiting_note(map_file), *graves, planner_note(found, map_file)):
         if note is not None:
             warnings.warn(Note(note), stacklevel=2)
-    if not found.free.any():
-        none = "no free cells, as of methods that map none or where too little is measured"
-        warnings.warn(Note(f"{map_file}: {none}: no map for a planner"), stacklevel=2)
     _say(f"wrote {', '.join(names)} to {shown}")
 
 
@@ -178,6 +177,7 @@ def fuse(
     from gridslam.maps.contradictions import contradictions
     from gridslam.maps.fusion import fuse as fused
     from gridslam.maps.map import Map
+    from gridslam.runs.notes import lost_makers
 
     if output.suffix != ".h5":
         raise InputError("-o", repr(output.name), "a name that ends in .h5")
@@ -188,7 +188,7 @@ def fuse(
     maps = [map_in(path) or path for path in maps]
     loaded, names = [Map.load(path) for path in maps], [str(path) for path in maps]
     whole = fused(loaded, same_frame, names)
-    for line in contradictions(loaded, names):
+    for line in (*contradictions(loaded, names), *(note for path in maps for note in lost_makers(path))):
         warnings.warn(Note(line), stacklevel=2)
     whole.save(output)
     _say(f"wrote {output}: map {whole.in_words()}")
@@ -326,9 +326,10 @@ def _kind(file: Path) -> str:
 
     from gridslam.io.hdf5_guard import prove
     from gridslam.io.hdf5_limits import most_claimed
+    from gridslam.world.scene_files import or_scene
 
     if not file.is_file():
-        raise InputError(str(file), "no file", KINDS)
+        raise InputError(str(file), "no file", or_scene(str(file), KINDS))
     try:
         prove(file, most_claimed(file), ["/"])
         with h5py.File(file) as content:

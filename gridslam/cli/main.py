@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from gridslam.cli import bench, files, scene, signals
-from gridslam.cli.agents import agents_of, free_space_note
+from gridslam.cli.agents import agents_of, simulation_note
 from gridslam.cli.help import COMPARE, MAP, SCENE_HELP, about, scene_names
 from gridslam.cli.options import Commands, flag, unpacked
 from gridslam.cli.robustness import robustness
@@ -62,7 +62,7 @@ def simulate(
     world = Scene.load(scene)
     with renamed(world.name, scene):
         names = agents_of(world, agent or [a.name for a in world.agents[:1]], {})
-        if note := free_space_note(world):
+        if note := simulation_note(world):
             err.print(f"note: {note}", highlight=False, markup=False, soft_wrap=True)
         with new_file(output, overwrite) as part:
             if signal:

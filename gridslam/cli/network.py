@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.doubts import map_notes, truth_notes
+from gridslam.cli.doubts import map_notes, truth_notes, unknown_notes, whole_walls_notes
 from gridslam.cli.observed import hints, noted, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
@@ -35,6 +35,7 @@ def run_network(asked: Asked) -> None:
     from gridslam.maps.map import Map
     from gridslam.runs.network_files import clock_files
     from gridslam.runs.network_run import map_network, network_scores
+    from gridslam.runs.notes import lost_makers
     from gridslam.runs.progress import network_progress_bar
     from gridslam.runs.stopping import StoppedLate, held_back
 
@@ -64,7 +65,8 @@ def run_network(asked: Asked) -> None:
             other = (
                 None if file is None else simulated_note(world, file, measurements.agents, measurements.table)
             )
-            told = [*filter(None, (other, note)), *hints(world, asked.method, given_rows)]
+            of_map = [note, *lost_makers(asked.map_file)]
+            told = [*filter(None, (other, *of_map)), *hints(world, asked.method, given_rows)]
             for line in (*place.notes, *told):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
@@ -95,9 +97,14 @@ def run_network(asked: Asked) -> None:
                     view.show_map(done.map)
                 runs = list(done.runs.values())
                 observed: list[Observations] = [measurements[run.agent] for run in runs]
-            notes = [lambda: map_notes(prior, done.map, asked.map_file)]
+            notes = [
+                lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs, prior),
+            ]
             if file is not None:
-                notes.append(lambda: truth_notes(world, runs, observed))
+                notes += [
+                    lambda: truth_notes(world, runs, observed),
+                    lambda: unknown_notes(world, runs, observed),
+                ]
             (scores, whole), said, lacks = judged(
                 lambda: network_scores(done, measurements, truth),
                 lambda: ([run.score() for run in runs], done.score()),

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from gridslam.cli.agents import free_space_note
+from gridslam.cli.agents import simulation_note
 from gridslam.errors import InputError
 from gridslam.systems.registry import METHODS, method_class, taken_by
 
@@ -244,13 +244,13 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
 
 def hints(world: Scene, method: str, observations: Observations | None) -> list[str]:
     """What to say before a run: what a method doesn't use of what it gets, and which one is made for it."""
-    asked = free_space_hint, repeats_hint, angles_hint, samples_hint, elevations_hint, turn_hint
+    asked = simulation_hint, repeats_hint, angles_hint, samples_hint, elevations_hint, turn_hint
     return [hint for one in asked if (hint := one(world, method, observations))]
 
 
-def free_space_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
-    """What to say where a scene without walls is simulated."""
-    return free_space_note(world) if observations is None else None
+def simulation_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
+    """What to say of a scene that is simulated: that it has no walls, or where they hide an anchor."""
+    return simulation_note(world) if observations is None else None
 
 
 def repeats_hint(world: Scene, method: str, observations: Observations | None) -> str | None:

@@ -12,7 +12,14 @@ from rich.console import Console
 
 from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
-from gridslam.cli.doubts import fit_notes, jolt_notes, map_notes, radio_notes, silence_notes
+from gridslam.cli.doubts import (
+    fit_notes,
+    jolt_notes,
+    map_notes,
+    radio_notes,
+    silence_notes,
+    whole_walls_notes,
+)
 from gridslam.cli.network import run_network
 from gridslam.cli.observed import (
     files_of,
@@ -72,6 +79,7 @@ def _run_in_turn(asked: Asked) -> None:
     from gridslam.maps.frames import fitted
     from gridslam.maps.map import Map
     from gridslam.measurements.first_steps import first_heard
+    from gridslam.runs.notes import lost_makers
     from gridslam.runs.stopping import held_back
 
     world, method = asked.world, asked.method
@@ -112,7 +120,8 @@ def _run_in_turn(asked: Asked) -> None:
             runtime.start(asked.device, asked.threads)
             taken = _taken_note(asked, names, files)
             other = [simulated_note(world, by_name[name], name, own) for name, own in known.items()]
-            before = [*filter(None, (*other, note)), *hints(world, method, every[names[0]])]
+            of_map = [note, *lost_makers(asked.map_file)]
+            before = [*filter(None, (*other, *of_map)), *hints(world, method, every[names[0]])]
             for line in (*place.notes, taken, *before):
                 if line:
                     err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
@@ -124,7 +133,7 @@ def _run_in_turn(asked: Asked) -> None:
                 go_on_later(folder, earlier, termination)
             notes = [
                 lambda: radio_notes(world) + _height_notes(runs) + jolt_notes(world, runs),
-                lambda: map_notes(given, runs[-1].map, asked.map_file),
+                lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs, given),
                 lambda: silence_notes(world, given, runs, observations, asked.map_file),
             ]
             if file is not None:

@@ -15,7 +15,7 @@ from gridslam.errors import InputError
 from gridslam.wording import counted
 
 out = Console()
-scene_app = Commands(no_args_is_help=True, help="Make, show and import scene files.")
+scene_app = Commands(no_args_is_help=True, help="Make, show, draw and import scene files.")
 POSES = "x,y or x,y,deg, or with heights x,y,z,deg"
 UNTURNED = "no angle told, so 0 degrees: it faces along x"
 KINDS = "FILE.geojson, FILE.json or FILE.dxf (Inkscape saves an SVG drawing as DXF)"
@@ -29,7 +29,7 @@ def register(app: typer.Typer) -> None:
 
 @scene_app.callback()
 def _scene() -> None:
-    """Make, show and import scene files."""
+    """Make, show, draw and import scene files."""
 
 
 @scene_app.command("new")
@@ -49,7 +49,7 @@ def new_scene(
     name = output.stem if label_fault(output.stem) is None else "scene"
     world = Scene.load("room").model_copy(update={"name": name, "description": ""})
     write_bytes(output, commented(world, all_keys=True).encode("utf-8"))
-    _say(f"wrote {output}; to see that it is right: gridslam check {output}")
+    _say(f"wrote {output}; to see that it is right: gridslam check {output}, gridslam scene draw {output}")
 
 
 @scene_app.command("show")
@@ -65,6 +65,36 @@ def show_scene(
     world = Scene.load(scene)
     path = BUNDLED / f"{scene}.toml" if scene in bundled_scenes() else Path(scene)
     _say((commented(world) if whole else path.read_text(encoding="utf-8")).rstrip())
+
+
+@scene_app.command("draw")
+def draw(
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=scene_names)],
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="FILE.png, .pdf or .svg; default: SCENE.png", show_default=False),
+    ] = None,
+    width: Annotated[
+        float, typer.Option(metavar="CM", min=5, max=50, help="8.8 suits a column of a paper")
+    ] = 18.3,
+    overwrite: Annotated[bool, flag("--overwrite")] = False,
+) -> None:
+    """Draw a scene: walls, anchors and where they face, agents' starts and ways, with their names."""
+    from gridslam.drawing.map_figure import FORMATS, encoded
+    from gridslam.drawing.scene_figure import draw_scene
+    from gridslam.drawing.widths import fonts, inches
+    from gridslam.io.files import refuse_taken, write_bytes
+    from gridslam.world.scene import Scene
+
+    path = Path(f"{Path(scene).stem}.png") if output is None else output
+    if path.suffix.lower()[1:] not in FORMATS:
+        raise InputError("-o", repr(path.name), "a name that ends in .png, .pdf or .svg")
+    refuse_taken([path], overwrite)
+    wide = inches(width)
+    with fonts(wide):
+        image = encoded(draw_scene(Scene.load(scene), wide), path.suffix.lower()[1:])
+    write_bytes(path, image)
+    _say(f"wrote {path}")
 
 
 @scene_app.command("import")

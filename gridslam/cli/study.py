@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import tomllib
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +16,7 @@ from rich.table import Table
 
 from gridslam.cli.options import flag
 from gridslam.cli.output import print_whole
-from gridslam.errors import InputError
+from gridslam.errors import InputError, renamed
 from gridslam.systems.registry import DEFAULT, method_help
 from gridslam.wording import counted
 
@@ -90,14 +91,18 @@ def study(
     where = place.open()
     if figures.form not in FORMATS:
         raise InputError("--format", repr(figures.form), ", ".join(FORMATS))
-    plan = Study(
-        tuple(Scene.load(name) for name in scene),
-        tuple(method or [DEFAULT]),
-        tuple(range(seed, seed + runs)),
-        tuple(_setting(text) for text in settings or ()),
-        tuple(agent or ()),
-        start,
-    )
+    worlds = tuple(Scene.load(name) for name in scene)
+    with ExitStack() as called:
+        for world, name in zip(worlds, scene, strict=True):
+            called.enter_context(renamed(world.name, name))
+        plan = Study(
+            worlds,
+            tuple(method or [DEFAULT]),
+            tuple(range(seed, seed + runs)),
+            tuple(_setting(text) for text in settings or ()),
+            tuple(agent or ()),
+            start,
+        )
     outcome = _run(plan, output, where, overwrite)
     found = batches(outcome)
     if found:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 
 from gridslam.arrays import Array
-from gridslam.world.geometry import distance_to_segments
+from gridslam.world.geometry import distance_to_segments, unit
 from gridslam.world.scene import Scene
 
 SIDES = np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
@@ -17,15 +17,19 @@ SIDES = np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
 ACROSS = 0.045
 """How far off the middle of a name lies, of the width that the axes show."""
 ASIDE_POINTS = 6.0, 5.0
+NEAR = 0.85
+"""Cosine of the angle up to which a side lies on a way."""
 
 
-def anchors(axes: Axes, scene: Scene, size: float = 8.0) -> None:
+def anchors(axes: Axes, scene: Scene, size: float = 8.0, facing: bool = False) -> None:
     """Anchors with their names; the limits of the axes are those of what is shown.
 
     Parameters
     ----------
     size : float, points
         Of their marks.
+    facing : bool
+        Whether arrows show where they face, which names stand clear of, too.
     """
     place = scene.anchor_positions
     axes.plot(*place.T, "^", color="k", mec="w", ms=size, ls="", label="anchors", zorder=6)
@@ -33,14 +37,15 @@ def anchors(axes: Axes, scene: Scene, size: float = 8.0) -> None:
     style: dict[str, Any] = {"fontsize": "small", "path_effects": halo, "zorder": 6}
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     corners = np.array([[left, low], [right, high]])
-    for name, where in zip(scene.anchor_names, place, strict=True):
-        x, y = side_of(where, scene, corners)
+    ways = unit(scene.anchor_orientations) if facing else [None] * len(place)
+    for name, where, way in zip(scene.anchor_names, place, ways, strict=True):
+        x, y = side_of(where, scene, corners, way)
         aside = (x * ASIDE_POINTS[0], y * ASIDE_POINTS[1])
         align: dict[str, Any] = {"ha": "left" if x > 0 else "right", "va": "bottom" if y > 0 else "top"}
         axes.annotate(name, where, aside, textcoords="offset points", annotation_clip=True, **align, **style)
 
 
-def side_of(place: Array, scene: Scene, corners: Array) -> Array:
+def side_of(place: Array, scene: Scene, corners: Array, taken: Array | None = None) -> Array:
     """On which side of an anchor at `place` (2,) m its name meets no wall: signs (2,) of x and y.
 
     If none is clear, the one farthest from walls.
@@ -49,6 +54,8 @@ def side_of(place: Array, scene: Scene, corners: Array) -> Array:
     ----------
     corners : (2, 2) m
         Lower left and upper right of what is shown.
+    taken : (2,), optional
+        Unit vector of a way on which something stands.
     """
     walls, reach = scene.segments(), ACROSS * float(np.ptp(corners[:, 0]))
     middle = place + reach * SIDES
@@ -57,4 +64,6 @@ def side_of(place: Array, scene: Scene, corners: Array) -> Array:
     if len(walls):
         room = distance_to_segments(middle, walls.start, walls.end).min(-1)
     room = np.where(inside, np.minimum(room, 0.6 * reach), -1.0)
+    if taken is not None:
+        room = np.where((SIDES @ taken) / np.sqrt(2) > NEAR, -1.0, room)
     return np.asarray(SIDES[int(room.argmax())])

@@ -290,6 +290,7 @@ def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) ->
     walls, table = grid.wall_segments(), grid.surfaces
     if table is None:
         return
+    drawn = "surfaces found" if grid.observed.any() else "surfaces found, from first hit to last"
     none = np.zeros(len(table), bool)
     wrong = none if false is None else false
     bare = np.setdiff1d(np.arange(len(table)), walls.surface)
@@ -302,7 +303,7 @@ def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) ->
     sets = ((walls.ends_m, walls.surface, False), (lines, bare, True))
     for ends, rows, dotted in sets:
         for mine, color, width, label in (
-            (~wrong[rows], ORANGE, 1.0, "surfaces found"),
+            (~wrong[rows], ORANGE, 1.0, drawn),
             (wrong[rows], PURPLE, 1.6, "found where none is"),
         ):
             if mine.any() or (color == ORANGE and not dotted):

@@ -58,12 +58,7 @@ def with_truth(observations: Known, track: Trajectory | None, where: str) -> Kno
         raise InputError(where, found, f"one that covers the steps, {time[0]:g} to {time[-1]:g} s")
     if len(time) == len(way) and np.allclose(time, way.time_s, rtol=0, atol=slack):
         return replace(observations, truth=replace(way, time_s=time))
-    columns = [*way.position_m.T, *way.velocity_mps.T, np.unwrap(way.heading_rad)]
-    x, y, vx, vy, heading = (np.interp(time, way.time_s, column) for column in columns)
-    high = None if way.height_m is None else np.interp(time, way.time_s, way.height_m)
-    return replace(
-        observations, truth=Trajectory(time, np.stack([x, y], -1), np.stack([vx, vy], -1), heading, high)
-    )
+    return replace(observations, truth=way.at(time))
 
 
 def truth_of(

@@ -218,6 +218,14 @@ def put(group: h5py.Group, name: str, values: np.ndarray, unit: str) -> None:
     group.create_dataset(name, data=values, **packed).attrs["unit"] = unit
 
 
+MEANT = {
+    "gridslam-signal": "; sampled signals go in by --signal, and gridslam extract makes paths of them",
+    "gridslam-measurements": "; measured paths go in by --measurements, for methods on paths",
+    "gridslam-map": "; maps go in by --map",
+}
+"""What to do with a file of a format that isn't taken where it was given."""
+
+
 @contextmanager
 def reading_h5(
     path: str | os.PathLike[str], kind: str, version: int | tuple[int, ...] = 1
@@ -240,7 +248,7 @@ def reading_h5(
             refuse_links(file)
             found = _text(file.attrs.get("format", "no format attribute"))
             if found != kind:
-                raise InputError(f"{path}: format", found, kind)
+                raise InputError(f"{path}: format", found, kind + MEANT.get(found, ""))
             versions = version if isinstance(version, tuple) else (version,)
             if file.attrs.get("version") not in versions:
                 allowed = " or ".join(map(str, versions))

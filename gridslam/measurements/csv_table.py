@@ -7,6 +7,7 @@ import csv
 import difflib
 import io
 import os
+import re
 import warnings
 from array import array
 from collections.abc import Iterator, Sequence
@@ -34,6 +35,8 @@ from gridslam.world.validation import nearest
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
 FILES = "a file of measurements: CSV, MATLAB (.mat) or HDF5"
+THOUSANDS = re.compile(r"[+-]?\d+([.,'\u2019\u00a0\u202f ]\d+)+")
+"""Digits with marks between them, not all of them decimal."""
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
 
@@ -106,6 +109,7 @@ def read_csv(
     """
     names = {"anchor": _Names(anchors, several), "agent": _Names(agents, False)}
     lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
+    marks = _Marks()
     with _rows(Path(path)) as reader:
         written = [name.strip() for name in next((row for row in reader if row), [])]
         comma = reader.dialect.delimiter == ";"
@@ -125,11 +129,14 @@ def read_csv(
                 raise InputError(where, f"{len(cells)} cells", f"{len(header)} cells, as in the header")
             if cells:
                 lines.append(reader.line_num)
-                table.extend(
-                    _number(_point(cell, name) if comma else cell.strip(), name, names.get(name), where)
+                here = [
+                    (cell.strip(), name)
                     for cell, name in zip(cells, header, strict=True)
                     if name not in extra
-                )
+                ]
+                table.extend(_number(cell, name, names.get(name), where, comma) for cell, name in here)
+                if comma:
+                    marks.look(here, where)
     if not table:
         raise InputError(str(path), "no rows", "at least one measurement")
     header = [name for name in header if name not in extra]
@@ -141,7 +148,8 @@ def read_csv(
             head, choice = f"{path}: line {begins}", tuple(names["agent"].place)
             own = choice[0] if len(choice) == 1 else alone
             if own is None:
-                raise InputError(head, "no column 'agent'", "one, where there are several agents")
+                allowed = "one, where there are several agents; or, of a table of one, its name (--agent)"
+                raise InputError(head, "no column 'agent'", allowed)
             columns["agent"] = np.full(len(lines), names["agent"].number(own, head, "agent"))
     if timed:
         times, columns["step"] = np.unique(columns["time_s"], return_inverse=True)
@@ -232,9 +240,22 @@ def _delimiter(header: str) -> str:
     return next((mark for mark in ";\t" if mark in header and "," not in header), ",")
 
 
-def _point(cell: str, name: str) -> str:
-    """A cell of a table with decimal commas, with a point instead."""
-    return cell.strip() if name in ("anchor", "agent") else cell.strip().replace(",", ".")
+class _Marks:
+    """Decimal marks of a table whose cells are set apart by semicolons: commas or points, not both."""
+
+    def __init__(self) -> None:
+        self.seen: dict[str, str] = {}
+
+    def look(self, cells: Sequence[tuple[str, str]], where: str) -> None:
+        """Refuse a mark where there was the other one: 1.234 may be a thousand or one and a bit."""
+        for cell, name in cells:
+            for mark, other in ((",", "."), (".", ",")):
+                if mark in cell and name not in ("anchor", "agent"):
+                    self.seen.setdefault(mark, f"{cell!r} in {where.rpartition(': ')[2]}")
+                    if other in self.seen:
+                        found = f"{cell!r}, and {self.seen[other]}"
+                        allowed = "one decimal mark in all cells, comma or point, and none between thousands"
+                        raise InputError(f"{where}: {name}", found, allowed)
 
 
 def _check_header(header: list[str], written: list[str], where: str, several: bool) -> list[str]:
@@ -269,7 +290,8 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
     needed = [name for name in (KEYS[:2] if several else KEYS) if name != "step"]
     for name in needed:
         if name not in header:
-            raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}")
+            more = ", or --method network, which needs no anchor" if name == "anchor" else ""
+            raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}{more}")
     if not set(header) & set(VALUES):
         raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")
     return [name for name in header if name not in known]
@@ -284,8 +306,8 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _number(cell: str, name: str, names: _Names | None, where: str) -> float:
-    """One cell as a number; names by their place in the list."""
+def _number(cell: str, name: str, names: _Names | None, where: str, comma: bool = False) -> float:
+    """One cell as a number, with a decimal `comma` or a point; names by their place in the list."""
     if names is not None:
         return names.number(cell, f"{where}: {name}", name)
     if name == "step":
@@ -295,13 +317,16 @@ def _number(cell: str, name: str, names: _Names | None, where: str) -> float:
     if name != "time_s" and cell.lower() in ("", "nan"):
         return np.nan
     try:
-        value = float(cell)
+        value = float(cell.replace(",", ".") if comma else cell)
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
         if cell.count(",") == 1 and cell.replace(",", "").lstrip("+-").isdecimal():
             allowed = "a decimal point; decimal commas only where semicolons set cells apart"
             raise InputError(f"{where}: {name}", f"{cell!r}, a decimal comma", allowed)
+        if THOUSANDS.fullmatch(cell):
+            allowed = "a number with one decimal mark, and none between thousands: 1234.5"
+            raise InputError(f"{where}: {name}", f"{cell!r}, with several marks", allowed)
         allowed = (
             "a finite number" if name == "time_s" else "a finite number, or an empty cell if not measured"
         )

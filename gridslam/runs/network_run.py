@@ -20,6 +20,7 @@ from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
+from gridslam.simulation.image_source import Truth
 from gridslam.simulation.network import NetworkTruth
 from gridslam.systems.network_front import NetworkFront
 from gridslam.systems.registry import method_class
@@ -28,6 +29,7 @@ from gridslam.world.columns import require_distances, require_within
 from gridslam.world.network_scene import longest_m
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
+from gridslam.world.trajectory import Trajectory
 
 SETTLED = 101
 """Step from which on clocks are compared with the bound, as in [Venus2025network], section VI."""
@@ -115,16 +117,37 @@ NETWORK_KEYS = (
 def network_scores(
     done: NetworkRun, measurements: NetworkMeasurements, truth: NetworkTruth | None
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Scores of every agent, as of `Run.score`, and those of clocks and labels, as of `NetworkRun.score`."""
+    """Scores of every agent, as of `Run.score`, and those of clocks and labels, as of `NetworkRun.score`.
+
+    Parameters
+    ----------
+    truth : NetworkTruth or None
+        Of a simulation; None for recorded measurements, whose agents are judged by their true tracks, and map
+        and surfaces by what those of them whose tracks are known could hear of the scene's walls.
+    """
     whole = done.score(measurements.clocks, truth)
+    own: dict[str, Truth | Trajectory | None]
     if truth is None:
-        return [run.score(measurements.tracks.get(name)) for name, run in done.runs.items()], whole
-    own = {name: truth.agents[name].first(len(run.estimates)) for name, run in done.runs.items()}
-    scores = [  # the map is of all that any of them heard
-        run.score(own[name], [other for one, other in own.items() if one != name])
-        for name, run in done.runs.items()
-    ]
+        own = {name: _recorded_truth(run, measurements.tracks.get(name)) for name, run in done.runs.items()}
+    else:
+        own = {name: truth.agents[name].first(len(run.estimates)) for name, run in done.runs.items()}
+    scores = []
+    for name, run in done.runs.items():  # the map is of all that any of them heard
+        others = [other for one, other in own.items() if one != name and isinstance(other, Truth)]
+        scores.append(run.score(own[name], others))
     return scores, whole
+
+
+def _recorded_truth(run: Run, track: Trajectory | None) -> Truth | Trajectory | None:
+    """What is known of an agent's way by its true track, and its paths where the scene has walls."""
+    from gridslam.evaluation.ground_truth import truth_of
+
+    if track is None or not len(run.trajectory):
+        return track
+    times, slack = run.trajectory.time_s, 1e-6 * max(1.0, abs(float(track.time_s[-1])))
+    if times[0] < track.time_s[0] - slack or times[-1] > track.time_s[-1] + slack:
+        return track  # which is refused
+    return truth_of(run.scene, run.agent, track.at(times))
 
 
 def map_network(

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.evaluation.metrics import DIVERGED_M, SETTLED_STEP, diverged, track_errors
-from gridslam.runs.run_files import RunFiles
+from gridslam.maps.map import Map
+from gridslam.runs.run_files import RunFiles, read_summary
 from gridslam.systems.registry import METHODS
 from gridslam.world.trajectory import Trajectory
 
@@ -101,6 +105,57 @@ def unsaid_note(agent: str, score: Mapping[str, Any], method: str) -> str | None
     if method in METHODS and not METHODS[method].has_health:
         why = f"and {method}, kept as published, has no health that could say so"
     return f"{agent}: off by over 4 of its own deviations at {silent} of {steps} steps, {why}"
+
+
+def whole_walls_note(found: Map, method: str) -> str | None:
+    """That nothing tells where walls are open; None of a map with cells, or without walls that were hit.
+
+    Parameters
+    ----------
+    found : Map
+    method : str
+        The name of the one that made it.
+    """
+    table = found.surfaces
+    if table is None or found.observed.any() or not np.isfinite(table.extent_m).all(axis=1).any():
+        return None
+    return (
+        f"{method} maps no cells: each wall is drawn and exported from its first hit to its last, across "
+        "doors and gaps, which only methods with a grid find"
+    )
+
+
+def planner_note(found: Map, file: Path) -> str | None:
+    """That a map without free cells is none for a planner, and what its walls are."""
+    if found.free.any():
+        return None
+    none = "no free cells, as of methods that map none or where too little is measured"
+    if found.surfaces is not None and not found.observed.any():
+        none += "; walls go from their first hit to their last, across doors"
+    return f"{file}: {none}: no map for a planner"
+
+
+def lost_makers(map_file: Path | None) -> list[str]:
+    """Who of those that made a map was lost, by the notes of the run's folder that it lies in, if it does.
+
+    Parameters
+    ----------
+    map_file : Path or None
+        In the folder itself or in that of one agent, who alone is asked then.
+    """
+    if map_file is None:
+        return []
+    above = map_file.resolve().parent
+    for folder, agent in ((above, ""), (above.parent, above.name)):
+        if (folder / "run.json").is_file():
+            with suppress(InputError):  # a map is read, whatever lies beside it
+                notes = [str(note) for note in read_summary(folder).get("notes") or ()]
+                lost = [note for note in notes if ": lost: " in note and note.startswith(agent)]
+                return [
+                    f"{map_file}: by its run's notes, {note}: map it again, or go on from another"
+                    for note in lost
+                ]
+    return []
 
 
 def run_notes(run: RunFiles) -> list[str]:

@@ -27,7 +27,7 @@ from gridslam.wording import counted
 from gridslam.world.columns import OPTIONAL, VALUES
 from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
 from gridslam.world.scene import Scene
-from gridslam.world.start import require_scene
+from gridslam.world.start import only_agent, require_scene
 from gridslam.world.trajectory import Trajectory
 
 __all__ = [
@@ -168,9 +168,16 @@ def _plausible(
     return (bounces == 0) | ((fraction > 0) & (fraction < 1))
 
 
-def ground_truth(scene: Scene, agent: str, track: Trajectory | None = None) -> Truth:
-    """Track (default: the scene's), visible paths and walls of an agent, for scoring."""
+def ground_truth(scene: Scene, agent: str | None = None, track: Trajectory | None = None) -> Truth:
+    """Track (default: the scene's), visible paths and walls of an agent (default: the only one), for scoring.
+
+    Raises
+    ------
+    InputError
+        No scene or such agent, none named of several, or one without waypoints and without a track.
+    """
     require_scene(scene)
+    agent = only_agent(scene) if agent is None else agent
     track = scene.track(agent) if track is None else track
     return Truth(track, true_paths(scene, agent, track), scene.segments())
 

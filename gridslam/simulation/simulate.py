@@ -14,7 +14,7 @@ from gridslam.simulation import image_source, network
 from gridslam.simulation.samples import simulate_samples
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
-from gridslam.world.start import require_scene
+from gridslam.world.start import only_agent, require_scene
 
 Names = list[str] | tuple[str, ...]
 
@@ -29,13 +29,19 @@ def observations_of(scene: Scene, agent: str, seed: int, takes: Kind) -> Observa
 
 
 @overload
-def simulate(scene: Scene, agent: str, seed: int = 0) -> Measurements: ...
+def simulate(scene: Scene, agent: str | None = None, seed: int = 0) -> Measurements: ...
 @overload
 def simulate(scene: Scene, agent: Names, seed: int = 0, unlabelled: bool = False) -> NetworkMeasurements: ...
 @overload
-def simulate(scene: Scene, agent: str, seed: int = 0, *, what: Literal["signal"]) -> Recording: ...
 def simulate(
-    scene: Scene, agent: str | Names, seed: int = 0, unlabelled: bool = False, what: str = "paths"
+    scene: Scene, agent: str | None = None, seed: int = 0, *, what: Literal["signal"]
+) -> Recording: ...
+def simulate(
+    scene: Scene,
+    agent: str | Names | None = None,
+    seed: int = 0,
+    unlabelled: bool = False,
+    what: str = "paths",
 ) -> Measurements | NetworkMeasurements | Recording:
     """What one agent hears on its track, or several: detected paths with noise and clutter, or samples.
 
@@ -46,8 +52,9 @@ def simulate(
     ----------
     scene : Scene
         With walls; for signals, with ``radio.frequencies`` and ``radio.frequency_step_hz``.
-    agent : str or sequence of str
+    agent : str or sequence of str, optional
         One agent's name gives `Measurements` (or a `Recording`), a list of names `NetworkMeasurements`.
+        Default: the scene's only agent.
     seed : int
     unlabelled : bool
         Of several agents: nothing says whose a measurement is, and ``radio.false_alarms`` counts the clutter
@@ -58,8 +65,8 @@ def simulate(
     Raises
     ------
     InputError
-        No scene or such agent, one without waypoints, several whose steps take different times, or a scene
-        that samples no signals.
+        No scene or such agent, none named of several, one without waypoints, several whose steps take
+        different times, or a scene that samples no signals.
 
     Examples
     --------
@@ -71,7 +78,8 @@ def simulate(
     (190, 1, 1, 4, 81)
     """
     require_scene(scene)
-    if agent is not None and not isinstance(agent, Sequence):
+    agent = only_agent(scene) if agent is None else agent
+    if not isinstance(agent, Sequence):
         raise InputError("agent", repr(agent), "an agent's name, or a list of names")
     if what == "signal":
         if not isinstance(agent, str):

@@ -64,7 +64,8 @@ def draw_tracks(run: RunFiles, width: float = PAGE_IN) -> Figure:
     for ends in walls.ends_m:
         axes.plot(*ends.T, color="k", lw=0.8)
     axes.plot([], [], color=WALL, lw=3.0, label="true walls")
-    axes.plot([], [], color="k", lw=0.8, label="surfaces found")
+    found_ones = "surfaces found" if last.map.observed.any() else "surfaces found, from first hit to last"
+    axes.plot([], [], color="k", lw=0.8, label=found_ones)
     for number, (name, found) in enumerate(run.agents.items()):
         colour = COLOURS[number % len(COLOURS)]
         axes.plot(*found.trajectory.position_m.T, color=colour, lw=1.6, label=name)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.world.filter_settings import FilterSettings
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
-from gridslam.world.scene_parts import FilterSettings, GridSpec
+from gridslam.world.scene_parts import GridSpec
 
 FIXED = -2
 """Stands for the rise of an anchor whose height is known where others' aren't."""

@@ -8,7 +8,7 @@ from functools import cached_property
 from gridslam.arrays import Array
 from gridslam.world.clocks import ClockModel
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.scene_parts import FilterSettings
+from gridslam.world.filter_settings import FilterSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.world.clocks import Clocks
 from gridslam.world.filter_model import FilterModel, fixed
+from gridslam.world.filter_settings import FilterSettings
 from gridslam.world.geometry import Segments, wrap
 from gridslam.world.levels import Level, Verticals, check_heights, verticals_of
 from gridslam.world.names import Label
@@ -24,7 +25,6 @@ from gridslam.world.scene_files import scene_tables, scene_text
 from gridslam.world.scene_parts import (
     Agent,
     Anchor,
-    FilterSettings,
     GridSpec,
     Name,
     Radio,
@@ -341,9 +341,10 @@ class Scene(Strict):
         check_clocks(self.clocks, self.anchors, self.agents)
         for index, wall in enumerate(self.walls):
             if wall.material is not None and wall.material not in self.materials:
-                field = f"walls[{index}].material"
-                known = nearest(wall.material, self.materials)
-                raise fault(field, repr(wall.material), f"a name of [materials]: {known}")
+                allowed = f"a name of [materials]: {nearest(wall.material, self.materials)}"
+                raise fault(f"walls[{index}].material", repr(wall.material), allowed)
         check_samples(self.radio, self.anchors, self.agents)
-        check_places(self.anchors, self.agents, Room(self.grid, self.segments(), self.scatterer_positions))
+        called = [wall.name for wall in self.walls]
+        room = Room(self.grid, self.segments(), self.scatterer_positions, called)
+        check_places(self.anchors, self.agents, room)
         return self

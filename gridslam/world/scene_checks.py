@@ -22,11 +22,17 @@ CLEARANCE_M, SCATTERER_M = 0.01, 0.1
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Where devices may be: the region to map, pieces of walls, and scatterers (K, 2) m."""
+    """Where devices may be: the region to map, pieces of walls, and scatterers (K, 2) m; names of walls."""
 
     grid: GridSpec
     walls: Segments
     scatterers: Array
+    names: Sequence[str | None] = ()
+
+    def wall(self, number: int) -> str:
+        """What a wall is called in errors."""
+        name = self.names[number] if number < len(self.names) else None
+        return f"walls[{number}]" + (f" ({name!r})" if name else "")
 
 
 def check_names(anchors: Sequence[Anchor], agents: Sequence[Agent]) -> None:
@@ -112,7 +118,7 @@ def _check_way(way: Array, room: Room, where: str) -> None:
                 )
         if near.any():
             x, y = way[near][0]
-            found = f"({x:.4g}, {y:.4g}) in walls[{walls.wall[number]}]"
+            found = f"({x:.4g}, {y:.4g}) in {room.wall(int(walls.wall[number]))}"
             raise fault(where, found, f"places at least {CLEARANCE_M} m from every wall")
     gap = np.linalg.norm(way[:, None] - room.scatterers, axis=-1)
     if gap.size and gap.min() < SCATTERER_M:

@@ -58,7 +58,7 @@ def surface_names(walls: Sequence[Wall], pieces: Segments) -> list[str]:
 @lru_cache(maxsize=64)
 def track_of(agent: Agent) -> Trajectory:
     """Track of an agent with waypoints, cut to its number of steps."""
-    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, agent.acceleration_mps2)
+    whole = smooth_track(agent.way, agent.step_m, agent.interval_s, agent.acceleration_mps2, agent.pauses)
     rows = slice(agent.steps)
     high = None if agent.height_m is None else np.full(len(whole.time_s[rows]), agent.height_m)
     return Trajectory(

@@ -18,6 +18,21 @@ def bundled_scenes() -> list[str]:
     return sorted(path.stem for path in BUNDLED.glob("*.toml"))
 
 
+def or_scene(name: str, others: str, before: str = "") -> str:
+    """What is allowed: the bundled scene that a name with a slip is nearest to, if any, and `others`.
+
+    Parameters
+    ----------
+    name, others : str
+    before : str
+        Stands before the others, if there is such a scene.
+    """
+    from difflib import get_close_matches
+
+    close = get_close_matches(name.lower(), bundled_scenes(), n=1, cutoff=0.6)
+    return f"{close[0]} (nearest known scene); {before}{others}" if close else others
+
+
 def scene_text(name_or_path: str | os.PathLike[str]) -> tuple[str, str]:
     """Text of a bundled scene by name or of a file by path (with a folder or ``.toml`` in it), and its path.
 
@@ -32,7 +47,8 @@ def scene_text(name_or_path: str | os.PathLike[str]) -> tuple[str, str]:
     path = Path(name_or_path)
     if path.name == str(name_or_path) and path.suffix != ".toml":
         if path.name not in bundled_scenes():
-            allowed = f"{', '.join(bundled_scenes())}, or the path of a .toml file"
+            every = f"{', '.join(bundled_scenes())}, or the path of a .toml file"
+            allowed = or_scene(path.name, every, "all: ")
             if Path(f"{path.name}.toml").is_file():
                 allowed = f"{path.name}.toml, which is here, or a bundled scene"
             raise InputError("scene", repr(path.name), allowed)

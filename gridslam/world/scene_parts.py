@@ -294,7 +294,7 @@ class Agent(Strict):
     there: its way begins then, and it is waited for even if nothing is heard. `heading_sensor_deg` is the
     deviation of the heading that recordings of sampled signals hold (0: exact); without it they hold none.
     `height_m` is the height that it keeps, counted from where the heights of anchors are, and `height_std_m`
-    the deviation of what is known of it.
+    the deviation of what is known of it. At each waypoint it stands still for `pause_s`, where that is given.
     """
 
     name: FolderName
@@ -303,6 +303,7 @@ class Agent(Strict):
     height_std_m: HeightStd = 0.0
     start_heading_deg: Degree = 0.0
     waypoints_m: tuple[Point, ...] | None = None
+    pause_s: tuple[NotNegative, ...] | None = None
     step_m: Positive = 0.05
     interval_s: Positive = 1.0
     acceleration_mps2: Positive = 0.03
@@ -322,6 +323,14 @@ class Agent(Strict):
             raise fault("waypoints_m", "no way to go", "waypoints that differ from the one before")
         if gaps.sum() > MOST_STEPS * self.step_m:
             raise fault("step_m", str(self.step_m), f"steps so long that {MOST_STEPS} reach the end")
+        if self.pause_s is not None:
+            there, most = len(self.waypoints_m or ()), MOST_STEPS - gaps.sum() / self.step_m
+            if len(self.pause_s) != there:
+                found, allowed = f"{len(self.pause_s)} of them", f"{there}, one for each of waypoints_m"
+                raise fault("pause_s", found, allowed if there else "none, or waypoints_m, too")
+            if sum(self.pause_s) > most * self.interval_s:
+                found = f"{sum(self.pause_s):g} s in all"
+                raise fault("pause_s", found, f"so little that {MOST_STEPS} steps reach the end")
         return self
 
     @property
@@ -331,20 +340,8 @@ class Agent(Strict):
         repeats = len(points) > 1 and np.linalg.norm(points[1] - points[0]) < SAME_PLACE_M
         return points[1:] if repeats else points
 
-
-class FilterSettings(Strict):
-    """Settings of the filter; the papers' values are the defaults."""
-
-    particles: int = Field(10_000, ge=1)
-    acceleration_mps2: Positive = 0.03
-    heading_deg: Positive = 7.0
-    surface_m: NotNegative = 0.005
-    reflection: NotNegative = 0.01
-    survival: Share = 0.999
-    births: Positive = 0.1
-    prune_below: Probability = 0.1
-    detect_above: Probability = 0.5
-    mean_free_path_m: Positive = 10.0
-    adapt_particles: bool = False  # true: as few as the spread of the agent's pose asks for
-    correlated: bool = True  # false: separate beliefs of agent and surfaces, as published
-    representation: Literal["gaussian", "particles"] = "gaussian"  # "particles": as published
+    @property
+    def pauses(self) -> Array:
+        """How long it stands still at each point of `way`, (P,) s."""
+        every = np.array([0.0, *(self.pause_s or [0.0] * len(self.waypoints_m or ()))])
+        return every[len(every) - len(self.way) :]

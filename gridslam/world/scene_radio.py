@@ -12,6 +12,8 @@ from gridslam.world.scene_parts import Agent, Anchor, ArraySpec, Radio
 from gridslam.world.validation import fault
 from gridslam.world.waveform import Waveform
 
+SAMPLED = "chamber", "overlap", "scatter", "screen"
+"""Bundled scenes whose radios sample signals."""
 PATH_SAMPLES = 2500
 """Samples over all antenna pairs, where a scene gives neither them nor frequencies."""
 
@@ -75,7 +77,11 @@ def waveform_of(radio: Radio, anchors: Sequence[Anchor], agent: Agent, scene: st
         There are no frequencies, or the anchors' arrays differ in size, or have layers.
     """
     if radio.frequencies is None:
-        allowed = "frequencies and frequency_step_hz: sampled signals, as scenes overlap and scatter have"
+        allowed = (
+            "frequencies and frequency_step_hz (say 41 and 1e7, and bandwidth_hz, max_distance_m and "
+            "samples, which follow, left out), to sample signals; or a bundled scene that does: "
+            + ", ".join(SAMPLED)
+        )
         raise InputError(f"{scene}: radio.frequencies", "none", allowed)
     arrays = [(anchor.array or radio.array) for anchor in anchors]
     tall = max(array.layers for array in (*arrays, agent.array or radio.array))

@@ -120,7 +120,11 @@ def _allowed(field: FieldInfo) -> str:
     elif text.startswith("tuple[tuple"):
         kind = "points [x, y]"
     elif text.startswith("tuple"):
-        kind = "two or three numbers" if text.endswith("...]") else "two numbers"
+        any_number = text.endswith("...]")
+        bounded = any(isinstance(limit, annotated_types.MaxLen) for limit in limits)
+        kind = (
+            "two or three numbers" if any_number and bounded else "numbers" if any_number else "two numbers"
+        )
     return ", ".join([kind, *_range(limits)])
 
 

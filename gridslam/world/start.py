@@ -59,6 +59,21 @@ def require_seed(seed: int) -> None:
         raise InputError("seed", repr(seed), "a whole number, 0 or more")
 
 
+def only_agent(scene: Scene) -> str:
+    """Name of a scene's only agent, for calls that name none.
+
+    Raises
+    ------
+    InputError
+        It has none, or several.
+    """
+    names = [agent.name for agent in scene.agents]
+    if len(names) != 1:
+        found = "none named, of several" if names else f"none in scene {scene.name}"
+        raise InputError("agent", found, ", ".join(map(repr, names)) or "a scene with [[agents]]")
+    return names[0]
+
+
 def require_scene(scene: object) -> None:
     """Refuse what is no scene, its name above all.
 

@@ -80,6 +80,19 @@ class Trajectory:
             return NotImplemented
         return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
 
+    def at(self, time_s: Array) -> Trajectory:
+        """The same way at other times, between its poses on straight lines; before and after it stands still.
+
+        Parameters
+        ----------
+        time_s : (N,) float64
+            Strictly rising.
+        """
+        columns = [*self.position_m.T, *self.velocity_mps.T, np.unwrap(self.heading_rad)]
+        x, y, vx, vy, heading = (np.interp(time_s, self.time_s, column) for column in columns)
+        high = None if self.height_m is None else np.interp(time_s, self.time_s, self.height_m)
+        return Trajectory(time_s, np.stack([x, y], -1), np.stack([vx, vy], -1), heading, high)
+
     def to_tum(self, path: str | os.PathLike[str]) -> None:
         """Write ``timestamp tx ty tz qx qy qz qw`` lines at full precision; ``tz`` is 0 in a plane.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from typing import Any, Self
@@ -66,7 +67,7 @@ class Strict(BaseModel):
         try:
             return cls.model_validate({key: _tuples(value) for key, value in data.items()})
         except ValidationError as error:
-            faults = [_input_error(one, where) for one in _apart(error.errors())]
+            faults = [_input_error(one, where, data) for one in _apart(error.errors())]
             if len(faults) == 1:
                 raise faults[0] from None
             if len(faults) > MOST_FAULTS:
@@ -96,7 +97,7 @@ def _tuples(value: Any) -> Any:
     return value
 
 
-def _input_error(error: ErrorDetails, where: str) -> InputError:
+def _input_error(error: ErrorDetails, where: str, data: Mapping[str, Any]) -> InputError:
     field, context = _field(error["loc"]), error.get("ctx", {})
     if error["type"] == "fault":
         field = f"{field}.{context['field']}" if field and context["field"] else field or context["field"]
@@ -109,7 +110,19 @@ def _input_error(error: ErrorDetails, where: str) -> InputError:
         plain["too_short"] = f"at least {context.get('min_length')} items"
         message = error["msg"].removeprefix("Input should be ")
         found, allowed = _short(error["input"]), plain.get(error["type"], message)
+    field += _whose(field, data)
     return InputError(f"{where}: {field}" if field else where, found, allowed)
+
+
+def _whose(field: str, data: Mapping[str, Any]) -> str:
+    """The name of the wall that a field belongs to, where it has one: nobody counts walls."""
+    item = re.match(r"walls\[(\d+)\]", field)
+    if item is None:
+        return ""
+    rows, number = data.get("walls"), int(item[1])
+    row = rows[number] if isinstance(rows, list | tuple) and number < len(rows) else None
+    name = row.get("name") if isinstance(row, Mapping) else None
+    return f" (of {_short(name)})" if isinstance(name, str) and name else ""
 
 
 def _field(location: tuple[int | str, ...]) -> str:

@@ -20,7 +20,9 @@ class TightCorner(ValueError):
         super().__init__(f"corner {index} has room for a radius of {radius:.3g} m, not for {smallest:.3g} m")
 
 
-def smooth_track(points: Array, step: float, interval: float, acceleration: float) -> Trajectory:
+def smooth_track(
+    points: Array, step: float, interval: float, acceleration: float, pauses: Array | None = None
+) -> Trajectory:
     """Walk along a polyline with rounded corners, one sample per `step`.
 
     The radius of a turn depends on the step length (the heading's random walk must follow it), and on the
@@ -36,6 +38,9 @@ def smooth_track(points: Array, step: float, interval: float, acceleration: floa
         Time between samples, s.
     acceleration : float
         Largest sideways acceleration, m/s^2.
+    pauses : (P,) float64, s, optional
+        How long to stand still at each point, in the middle of its rounded corner: at the sample next to it,
+        for as many samples, at once.
 
     Returns
     -------
@@ -76,6 +81,15 @@ def smooth_track(points: Array, step: float, interval: float, acceleration: floa
     position[on_arc] = entry + chord[:, None] * unit(facing[corner] + swept / 2)
     heading = heading.copy()
     heading[on_arc] += swept
-    return Trajectory(
-        interval * np.arange(len(travelled), dtype=np.float64), position, speed * unit(heading), heading
-    )
+    velocity = speed * unit(heading)
+    if pauses is not None and pauses.any():
+        middles = ends[2:-1:2] - 0.5 * pieces[1::2]
+        places = np.concatenate([[0.0], middles, ends[-1:]])
+        rows = np.minimum(np.rint(places / step).astype(int), len(travelled) - 1)
+        times = np.ones(len(travelled), int)
+        np.add.at(times, rows, np.rint(pauses / interval).astype(int))
+        still = np.arange(times.sum()) - np.repeat(np.cumsum(times) - times, times) > 0
+        position, heading, velocity = (np.repeat(one, times, axis=0) for one in (position, heading, velocity))
+        velocity[still] = 0.0
+    time = interval * np.arange(len(position), dtype=np.float64)
+    return Trajectory(time, position, velocity, heading)

@@ -12,13 +12,13 @@ LOOP = 2.5 * np.stack([np.cos(ANGLE), np.sin(ANGLE)], 1)
 AHEAD = ANGLE + np.pi / 2
 
 
-def followed(place, heading, seed=1):
+def followed(place, heading, seed=1, off=0.01):
     """Estimates of a run, off by a centimetre and a degree."""
     draw = np.random.default_rng(seed)
-    place = place + 0.01 * draw.standard_normal(place.shape)
+    place = place + off * draw.standard_normal(place.shape)
     turn = np.radians(1.0) * draw.standard_normal(len(place))
     return [
-        SimpleNamespace(position_m=p, heading_rad=None if h is None else h + t)
+        SimpleNamespace(position_m=p, heading_rad=None if h is None else h + t, covariance=off**2 * np.eye(5))
         for p, h, t in zip(place, heading, turn, strict=True)
     ]
 
@@ -28,6 +28,8 @@ def test_who_looks_where_it_goes_is_left_alone():
     assert course_note(followed(LOOP, AHEAD + np.radians(20))) is None
     straight = np.stack([np.linspace(0, 6, 120), np.zeros(120)], 1)
     assert course_note(followed(straight, np.zeros(120))) is None
+    for seed in range(5):  # vague, which isn't a way that turns
+        assert course_note(followed(straight, np.zeros(120), seed, 0.2)) is None
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """What `check` says of several agents' measurements."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,8 +29,15 @@ def test_files_of_several_agents_are_described(scene, tmp_path):
         assert "labels: 0% of the rows" in lines[1]
         assert any("agent3: steps 0 to 3" in line for line in lines)
         assert not any(line.startswith("suspect") for line in lines)
-    with pytest.raises(InputError, match="no row that names an anchor"):
+        assert lines[-1].startswith(
+            "  no row says which anchor it is of: --method network and network_grid find"
+        )
+    needs = r"no row that names an anchor; allowed: --scene .* --method network and network_grid find out"
+    with pytest.raises(InputError, match=needs):
         describe_network(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text("step,time_s,distance_m\n0,0,1.5\n")  # nor does it say whose it is
+    with pytest.raises(InputError, match=needs):
+        describe_network(tmp_path / "b.csv")
 
 
 def test_clocks_and_labels_that_are_missing_are_named(scene, tmp_path):
@@ -104,3 +112,21 @@ def test_a_table_without_anchors_is_suspected_where_run_would_refuse_it(tmp_path
     for scene, suspected in ((room, True), (told, False)):
         lines = describe_network(tmp_path / "bare.csv", scene)
         assert any("anchor: no row says which anchor it is of" in line for line in lines) == suspected
+
+
+@pytest.mark.slow
+def test_a_table_of_one_agent_whose_clocks_nobody_knows_is_judged_by_angles(say, tmp_path):
+    """It was "unsure" for want of a column that a table of one agent doesn't need."""
+    scene = short("exchange", 30)
+    (tmp_path / "scene.toml").write_text(scene.to_toml())
+    right = gs.simulate(scene, "agent1", seed=1)
+    right.to_csv(tmp_path / "a.csv")
+    asked = "--scene", "scene.toml", "--agent", "agent1"
+    said = say("check", "a.csv", *asked)
+    assert (said.code, "agent1: line of sight to the anchors in" in said.out) == (0, True), said.out
+    assert "aod_rad: " in said.out
+    swapped = np.choose(right.anchor, [1, 0, 2, 3])
+    replace(right, anchor=swapped).to_csv(tmp_path / "b.csv")
+    said = say("check", "b.csv", *asked)
+    assert said.code == 1
+    assert "suspect: " in said.out

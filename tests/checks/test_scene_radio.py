@@ -5,7 +5,7 @@ from check_tables import NAMES, SCENES, simulated_columns
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe
-from gridslam.checks.scene_lines import implausible_radio, scene_lines
+from gridslam.checks.scene_lines import hidden_note, implausible_radio, scene_lines
 from gridslam.measurements.table import Measurements
 
 
@@ -55,3 +55,21 @@ def test_walls_in_other_units_are_suspected_and_long_ones_are_not(times, unit):
         ]
         assert line.startswith(begins)
         assert (unit in line) == (factor == times)
+
+
+def test_an_anchor_that_walls_hide_from_the_whole_way_is_told(say, tmp_path):
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    data["anchors"][1]["position_m"] = [4.5, 0.0]  # the wall is at x = 4
+    (tmp_path / "scene.toml").write_text(gs.Scene.checked(data, "room").to_toml())
+    note = "note: anchor B at (4.5, 0): hidden by walls from all steps of all agents' ways."
+    said = say("check", "scene.toml")
+    assert said.code == 0, "a street is legal"
+    assert note in said.out
+    assert note in say("simulate", "scene.toml", "-o", "heard.csv").err
+    bare = gs.Scene.checked({**data, "walls": []}, "room")
+    away = gs.Scene.checked({**data, "agents": [{**data["agents"][0], "waypoints_m": None}]}, "room")
+    assert hidden_note(bare) is hidden_note(away) is None
+
+
+def test_no_anchor_of_a_bundled_scene_is_hidden_for_good():
+    assert not any(hidden_note(gs.Scene.load(name)) for name in gs.bundled_scenes())

@@ -77,3 +77,5 @@ def test_a_scene_with_heights_is_taken_by_its_word(tmp_path):
     path = recorded(tmp_path / "z.h5", rise_m=3.0)
     assert suspects(path, scene) == []
     assert suspects(path) != []
+    (note,) = [line for line in describe_signal(path, scene) if line.startswith("note: ")]
+    assert "scene has heights, and methods on sampled signals (direct, hybrid) refuse such scenes" in note

@@ -249,3 +249,12 @@ def test_a_file_of_one_antenna_needs_no_group_of_the_agent(say, tmp_path):
     result = say("check", str(tmp_path / "a.h5"))
     assert (result.code, result.err) == (0, "")
     assert gs.Recording.load(tmp_path / "a.h5").heading_rad is None
+
+
+def test_snapshots_that_the_scenes_walls_hide_are_not_judged(tmp_path):
+    data = SCENES["arrays"].model_dump(exclude_none=True)
+    screen = {"reflects": False, "points_m": [[3.5, -4.0], [3.5, -2.0], [4.9, -1.8]]}
+    scene = gs.Scene.checked({**data, "walls": (*data["walls"], screen)}, "hidden")
+    lines = describe_signal(written(tmp_path / "z.h5", scene), scene)
+    assert any("in 20 snapshots" in line for line in lines), "those of A alone, of two anchors"
+    assert not [line for line in lines if line.startswith("suspect")]

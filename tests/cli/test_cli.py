@@ -119,6 +119,17 @@ def test_export_of_a_map_without_free_cells_notes_that_no_planner_can_use_it(say
 
 
 @pytest.mark.slow
+def test_export_and_run_say_that_a_method_without_cells_draws_walls_across_doors(say):
+    assert say("run", "room", "--steps", "12", "--method", "adaptive", "-o", "lines").code == 0
+    notes = json.loads(Path("lines/run.json").read_text())["notes"]
+    assert any("adaptive maps no cells" in note and " m in between: from (" in note for note in notes)
+    result = say("export", "lines", "-o", "robot")
+    assert "; walls go from their first hit to their last, across doors: no map" in " ".join(
+        result.complaints
+    )
+
+
+@pytest.mark.slow
 def test_export_writes_nav2_pictures_and_tables(say, mapped, tmp_path):
     mapped[1].map.save(tmp_path / "map.h5")
     Path("robot").mkdir()

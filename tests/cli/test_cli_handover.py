@@ -112,3 +112,21 @@ def test_measurements_that_a_map_holds_already_are_refused(say, short_room):
     assert "--map for agent1: found agent1's run " in line
     assert "made of these very measurements: they would count twice; allowed: a map made without" in line
     assert say(*first, "--seed", 2, "--map", "first/map.h5", "-o", "then").code == 0
+
+
+@pytest.mark.slow
+@runs
+def test_maps_of_agents_that_were_lost_are_taken_with_a_note(say, tmp_path):
+    scene = shortened(gs.Scene.load("room"), 2).with_filter(particles=100)
+    for seed, notes in ((1, ["agent1: lost: 9.00 m off at step 9, the last"]), (2, [])):
+        folder = tmp_path / f"run{seed}"
+        folder.mkdir()
+        gs.map_scene(scene, gs.simulate(scene, seed=seed), seed=seed).map.save(folder / "map.h5")
+        (folder / "run.json").write_text(json.dumps({"agents": {"agent1": {}}, "notes": notes}))
+    told = "note: run1/map.h5: by its run's notes, agent1: lost: 9.00 m off at step 9, the last: map it again"
+    assert told in say("fuse", "run1", "run2", "-o", "both.h5").err
+    (tmp_path / "room.toml").write_text(scene.to_toml())
+    assert told in say("run", "room.toml", "--seed", 3, "--map", "run1", "-o", "next").err
+    assert (
+        "by its run's notes" not in say("run", "room.toml", "--seed", 3, "--map", "run2", "-o", "other").err
+    )

@@ -184,6 +184,9 @@ def test_recorded_measurements_are_scored_by_the_tracks_that_are_given(say, tmp_
     scores = json.loads((tmp_path / "one" / "run.json").read_text())["agents"]
     assert scores["agent1"]["position_rmse_m"] is None
     assert 0 < scores["agent2"]["position_rmse_m"] < 0.3
+    assert scores["agent2"]["surfaces_true"] == 4
+    assert scores["agent1"]["surfaces_true"] is None
+    assert "are scored by what agent2 alone could hear: no true track of agent1 is given" in result.out
     assert not (tmp_path / "one" / "agent1" / "truth.tum").exists()
     for item in ("agent1.tum", "agent3=agent1.tum"):
         result = say(*recorded, "--truth", item, "-o", "two")

@@ -85,6 +85,21 @@ def test_what_cannot_be_extracted_is_told_in_one_line(say, tmp_path, words, says
     assert not (tmp_path / "a.csv").exists()
 
 
+def test_files_of_another_kind_say_where_they_go(say):
+    assert say("simulate", "screen", "--signal", "-o", "z.h5").code == 0
+    assert say("simulate", "room", "-o", "heard.h5").code == 0
+    gs.Map.of_scene(gs.Scene.load("room")).save("map.h5")
+    for words, says in (
+        (("room", "--measurements", "z.h5"), "--signal, and gridslam extract makes paths of them"),
+        (("overlap", "--method", "direct", "--signal", "heard.h5"), "measured paths go in by --measurements"),
+        (("room", "--measurements", "map.h5"), "maps go in by --map"),
+        (("room", "--signal", "heard.csv"), "allowed: --measurements heard.csv"),
+    ):
+        result = say("run", *words)
+        assert (result.code, len(result.complaints)) == (2, 1), result
+        assert says in result.err
+
+
 @pytest.fixture
 def pair(tmp_path, say):
     """The first steps of `overlap` with two agents, and what each receives."""

@@ -208,6 +208,37 @@ def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):
             )
 
 
+@pytest.mark.parametrize(
+    "cell", ["1.234.5", "1,234.5", "1.234,5", "1 234.5", "1'234.5", "-1,234,567", "1\u202f234,5"]
+)
+@pytest.mark.parametrize("apart", [",", ";"])
+def test_marks_between_thousands_are_named_with_line_column_and_cell(tmp_path, cell, apart):
+    path = tmp_path / "a.csv"
+    written = f'"{cell}"' if apart == "," else cell
+    path.write_text(
+        apart.join(("step", "time_s", "anchor", "distance_m")) + f"\n0{apart}0{apart}A{apart}{written}\n"
+    )
+    with pytest.raises(InputError) as caught:
+        Measurements.from_csv(path, ["A"])
+    assert caught.value.where == f"{path}: line 2: distance_m"
+    assert caught.value.found == f"{cell!r}, with several marks"
+    assert "one decimal mark, and none between thousands" in caught.value.allowed
+
+
+def test_a_point_among_decimal_commas_is_not_guessed_at(tmp_path):
+    """1.234 is a thousand to whoever writes 0,1, and one and a bit to others."""
+    path, head = tmp_path / "a.csv", "step;time_s;anchor;distance_m;aoa_rad"
+    path.write_text(f"{head}\n0;0;A;1,5;0,1\n1;1;A;1.234;0,1\n")
+    with pytest.raises(
+        InputError, match=r"line 3: distance_m: found '1\.234', and '1,5' in line 2; allowed: one"
+    ):
+        Measurements.from_csv(path, ["A"])
+    path.write_text(f"{head}\n0;0;A.1;1.5;0.1\n1;1;A.1;1.234;0.1\n")
+    np.testing.assert_array_equal(Measurements.from_csv(path, ["A.1"]).distance_m, [1.5, 1.234])
+    path.write_text(f"{head}\n0;0;A.1;1,5;0,1\n")
+    np.testing.assert_array_equal(Measurements.from_csv(path, ["A.1"]).distance_m, [1.5])
+
+
 def test_csv_that_is_no_text_is_named(tmp_path):
     (tmp_path / "a.csv").write_bytes(b"\x89HDF\r\n\xff")
     for path in (tmp_path / "a.csv", tmp_path / "none.csv", tmp_path):

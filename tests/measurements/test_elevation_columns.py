@@ -128,3 +128,8 @@ def test_check_says_where_nothing_is_made_of_elevations(tmp_path):
     assert ["no heights" in line for line in notes] == [True, True]
     notes = describe(tmp_path / "a.csv", tall(1, False))
     assert sum("isn't used: it has no deviations" in line for line in notes) == 2
+    (alone,) = [line for line in describe(tmp_path / "a.csv") if "elevation" in line and "note" in line]
+    assert alone == (
+        "note: aod_elevation_rad and aoa_elevation_rad: only --method grid and adaptive use them, "
+        "in scenes with heights"
+    )

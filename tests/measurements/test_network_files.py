@@ -83,7 +83,10 @@ def test_without_a_column_agent_all_rows_are_those_of_the_one_that_was_asked_for
     path.write_text("# toolkit 4.1\n# site: flat\nstep,time_s,distance_m\n0,0,1.5\n1,1,2.5\n")
     measurements = NetworkMeasurements.load(path, ANCHORS, ["me", "you"], alone="you")
     assert measurements.agents == ("you",)
-    with pytest.raises(InputError, match=r"a.csv: line 3: found no column 'agent'; allowed: one, where"):
+    with pytest.raises(
+        InputError,
+        match=r"a.csv: line 3: found no column 'agent'; allowed: one, where .* its name \(--agent\)",
+    ):
         NetworkMeasurements.load(path, ANCHORS, ["me", "you"])
 
 

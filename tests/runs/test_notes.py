@@ -10,7 +10,15 @@ from run_samples import hall, some_measurements, some_run
 
 from gridslam.checks.other_files import run_line
 from gridslam.cli.run_end import Done, _table
-from gridslam.runs.notes import grave_notes, health_notes, lost_note, silence_note, unsaid_note
+from gridslam.runs.notes import (
+    grave_notes,
+    health_notes,
+    lost_makers,
+    lost_note,
+    silence_note,
+    unsaid_note,
+    whole_walls_note,
+)
 from gridslam.runs.run_files import read_run, write_run
 from gridslam.simulation.image_source import ground_truth
 from gridslam.viewers.report import write_report
@@ -131,3 +139,32 @@ def test_a_long_silence_is_told_and_a_short_one_isnt():
     assert told == "a: nothing was heard at 51 of 161 steps, the longest time from step 60 to 109"
     assert silence_note("a", (), 161) is None
     assert silence_note("a", tuple(range(0, 40, 2)), 161) is None
+
+
+def test_a_method_without_cells_is_said_to_draw_walls_across_doors():
+    grid = some_run(hall(), "agent1").map
+    table = some_run(hall(), "agent1").surfaces
+    hit = replace(table, extent_m=np.array([[-3.0, 3.0]] * 2))
+    bare = replace(grid, observed=np.zeros(grid.shape, bool), surfaces=hit)
+    assert whole_walls_note(bare, "adaptive").startswith(
+        "adaptive maps no cells: each wall is drawn and exported from its first hit to its last, across doors"
+    )
+    assert whole_walls_note(replace(grid, surfaces=hit), "grid") is None
+    assert whole_walls_note(replace(bare, surfaces=table), "direct") is None  # none was hit
+    assert whole_walls_note(replace(bare, surfaces=None), "los") is None
+
+
+def test_maps_of_lost_agents_are_known_by_the_run_that_they_lie_in(tmp_path):
+    assert lost_makers(None) == lost_makers(tmp_path / "map.h5") == []
+    summary = {
+        "agents": {"agent1": {}, "agent2": {}},
+        "notes": [LOST, "agent2: up to 1.07 m off, found again"],
+    }
+    (tmp_path / "agent1").mkdir()
+    (tmp_path / "run.json").write_text(json.dumps(summary))
+    (note,) = lost_makers(tmp_path / "map.h5")
+    assert note == f"{tmp_path / 'map.h5'}: by its run's notes, {LOST}: map it again, or go on from another"
+    assert len(lost_makers(tmp_path / "agent1" / "map.h5")) == 1
+    assert lost_makers(tmp_path / "agent2" / "map.h5") == []
+    (tmp_path / "run.json").write_text("{")
+    assert lost_makers(tmp_path / "map.h5") == []

@@ -7,6 +7,7 @@ from signal_samples import C, sampled_scene
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.simulation.image_source import true_paths
+from gridslam.world.scene_files import bundled_scenes
 from gridslam.world.waveform import Waveform
 
 ARRAY = {"rows": 2, "columns": 2, "spacing_wavelengths": 0.25}
@@ -152,8 +153,25 @@ def test_what_follows_from_frequencies_may_be_said_and_survives_writing():
     assert sampled_scene(radio={"array": ARRAY}).signal_model("me").samples == 41 * 16
 
 
-def test_a_scene_without_frequencies_samples_nothing():
-    with pytest.raises(InputError, match=r"radio.frequencies"):
+def test_a_scene_without_frequencies_samples_nothing_and_says_which_do():
+    with pytest.raises(
+        InputError, match=r"radio.frequencies: found none; allowed: frequencies and"
+    ) as caught:
         gs.simulate(gs.Scene.load("room"), "agent1", what="signal")
+    sampled = [name for name in bundled_scenes() if gs.Scene.load(name).radio.frequencies is not None]
+    assert caught.value.allowed.endswith(f"bundled scene that does: {', '.join(sampled)}")
+
+
+def test_frequencies_as_the_error_says_make_a_scene_of_paths_one_of_samples():
+    room = gs.Scene.load("room").model_dump(exclude_none=True)
+    follows = ("bandwidth_hz", "max_distance_m", "samples")
+    radio = {key: value for key, value in room["radio"].items() if key not in follows}
+    sampling = {**radio, "frequencies": 41, "frequency_step_hz": 1e7, "array": {"rows": 1, "columns": 1}}
+    agent = {**room["agents"][0], "steps": 2}
+    scene = gs.Scene.checked({**room, "radio": sampling, "agents": [agent]}, "sampled")
+    assert gs.simulate(scene, agent["name"], what="signal").samples.shape[-1] == 41
+
+
+def test_what_a_scene_samples_is_one_of_two():
     with pytest.raises(InputError, match="'paths' or 'signal'"):
         gs.simulate(gs.Scene.load("room"), "agent1", what="samples")

@@ -162,3 +162,21 @@ def test_an_angle_that_no_array_measures_is_missing_of_clutter_too(name, angles)
     assert (cause < 0).any()
     for angle in ("aod_rad", "aoa_rad"):
         assert np.isnan(getattr(measurements, angle)).all() == (angle in angles)
+
+
+def test_the_only_agent_needs_no_name_and_several_are_listed(scene):
+    assert scene.agents[0].name == "agent1"
+    named, unnamed = gs.simulate(scene, "agent1", 1), gs.simulate(scene, seed=1)
+    np.testing.assert_array_equal(unnamed.distance_m, named.distance_m)
+    assert len(gs.ground_truth(scene).trajectory) == len(gs.ground_truth(scene, "agent1").trajectory)
+    recording = gs.simulate(shortened(gs.Scene.load("overlap"), 2), what="signal")
+    assert len(recording) == 2
+    canyon = gs.Scene.load("canyon")
+    for call in (gs.simulate, gs.ground_truth):
+        with pytest.raises(
+            gs.InputError, match="agent: found none named, of several; allowed: 'agent1', 'ag"
+        ):
+            call(canyon)
+    nobody = canyon.model_copy(update={"agents": ()})
+    with pytest.raises(gs.InputError, match="agent: found none in scene canyon; allowed: a scene with"):
+        gs.simulate(nobody)

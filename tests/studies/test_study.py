@@ -225,7 +225,7 @@ def test_command_says_what_is_wrong_in_one_line(tmp_path, monkeypatch, capsys):
         (("--set", "filter.wrong=1"), "wrong"),
         (("--runs", "0"), "runs"),
         (("--scheduler", "nowhere", "--workers", "2"), "--workers"),
-        (("--agent", "nobody"), "nobody"),
+        (("--agent", "nobody"), f"{tmp_path / 'tiny.toml'}: agents: found 'nobody'"),
     ):
         assert command(monkeypatch, *given, *wrong) == 2
         error = capsys.readouterr().err

@@ -117,6 +117,23 @@ def test_fault_is_told_in_one_line_with_its_place(case):
     assert "\n" not in str(caught.value)
 
 
+def test_faults_of_walls_name_the_wall_where_it_has_a_name():
+    def spoilt(*path):
+        def change(world):
+            world["walls"][0]["name"] = "north"
+            put(*path)(world)
+
+        with pytest.raises(InputError) as caught:
+            Scene.from_toml(changed(change), "hall.toml")
+        return str(caught.value)
+
+    said = spoilt("walls", 0, "material", "glas")
+    assert said.startswith("hall.toml: walls[0].material (of 'north'): found 'glas'; allowed: ")
+    assert "walls[0].points_m[1][0] (of 'north'): found 'x'" in spoilt("walls", 0, "points_m", 1, 0, "x")
+    assert "0) in walls[0] ('north'); allowed" in spoilt("agents", 0, "start_m", [3.995, 0.0])
+    assert "walls[0].name: found 3" in spoilt("walls", 0, "name", 3)
+
+
 def test_broken_toml_names_file_and_line():
     with pytest.raises(InputError, match=r"hall\.toml.*line 2"):
         Scene.from_toml("name = 'x'\n[grid\n", "hall.toml")
@@ -149,8 +166,12 @@ def test_unknown_name_lists_the_bundled_scenes():
         "alcove, annex, building, canyon, ceiling, chamber, exchange, facade, hall, overlap, pillars, room, "
     )
     names += "scatter, screen, seminar"
-    with pytest.raises(InputError, match=rf"'rom'; allowed: {names}, or the path"):
-        Scene.load("rom")
+    with pytest.raises(InputError, match=rf"'tunnel'; allowed: {names}, or the path"):
+        Scene.load("tunnel")
+    for slip, meant in (("hal", "hall"), ("Hall", "hall"), ("rom", "room"), ("canion", "canyon")):
+        found = rf"'{slip}'; allowed: {meant} \(nearest known scene\); all: {names}, or the path"
+        with pytest.raises(InputError, match=found):
+            Scene.load(slip)
 
 
 def test_folder_of_a_scenes_name_does_not_hide_it(tmp_path, monkeypatch):

@@ -34,6 +34,8 @@ def test_key_without_a_meaning_is_an_error(monkeypatch):
         ("filter", "correlated", "", "true", "true, false"),
         ("", "frame", "", "-", "text"),
         ("[agents]", "waypoints_m", "m", "-", "points [x, y]"),
+        ("[agents]", "pause_s", "s", "-", "numbers, from 0"),
+        ("[anchors]", "position_m", "m", "required", "two or three numbers"),
     ],
 )
 def test_unit_default_and_range_are_those_of_the_type(table, name, unit, default, allowed):
@@ -74,3 +76,11 @@ def test_scene_is_shown_as_it_is_or_with_all_keys(say):
     Path("own.toml").write_text(plain.out)
     assert say("scene", "show", "own.toml").out == plain.out
     assert say("scene", "show", "nowhere").code == 2
+
+
+def test_deviations_of_heights_say_what_they_are_what_0_is_and_who_uses_them():
+    for text in {key.meaning for key in keys() if key.name == "height_std_m"}:
+        assert "`height_m`" in text
+        assert "standard deviation" in text
+        assert "0 is exactly known" in text
+        assert "other methods refuse" in text

@@ -197,3 +197,22 @@ def test_turning_back_on_the_spot_is_refused():
     with pytest.raises(TightCorner) as caught:
         smooth_track(np.array([[0.0, 0.0], [2, 0], [4, 0], [2, 0]]), 0.05, 1.0, 0.03)
     assert caught.value.index == 1
+
+
+def test_pauses_hold_the_pose_at_the_middle_of_each_corner_and_nothing_else_changes():
+    points = np.array([[0.0, 0.0], [4, 0], [4, 4]])
+    plain = smooth_track(points, 0.05, 0.5, 0.03)
+    track = smooth_track(points, 0.05, 0.5, 0.03, np.array([1.0, 10.0, 2.5]))
+    assert len(track) == len(plain) + 2 + 20 + 5
+    still = (track.velocity_mps == 0).all(axis=1)
+    assert np.flatnonzero(still)[:2].tolist() == [1, 2]
+    np.testing.assert_array_equal(still[-5:], True)
+    for name in ("position_m", "velocity_mps", "heading_rad"):
+        np.testing.assert_array_equal(getattr(track, name)[~still], getattr(plain, name))
+    np.testing.assert_array_equal(np.diff(track.position_m, axis=0)[still[1:]], 0)
+    np.testing.assert_allclose(track.time_s, 0.5 * np.arange(len(track)))
+    (corner,) = np.unique(np.round(track.position_m[still][2:-5], 9), axis=0)
+    middle = np.array([3.2, 0.8]) + 0.8 * np.array([1, -1]) / np.sqrt(2)  # of the arc
+    assert np.linalg.norm(corner - middle) < 0.05
+    same = smooth_track(points, 0.05, 0.5, 0.03, np.zeros(3))
+    assert same == plain

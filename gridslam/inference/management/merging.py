@@ -21,7 +21,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT
 from gridslam.world.filter_model import FilterModel, detected, fixed
-from gridslam.world.scene_parts import FilterSettings
+from gridslam.world.filter_settings import FilterSettings
 
 MOST_SURFACES = 24
 TIE = fixed(np.array([1e-4, 1e-6]))

@@ -16,9 +16,9 @@ from gridslam.inference.state import surface_bank
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_settings import FilterSettings
 from gridslam.world.geometry import mirror, slant
 from gridslam.world.radio import REFLECTION_BINS
-from gridslam.world.scene_parts import FilterSettings
 
 BEYOND_DOUBT = 8
 """Detections from which on a surface is beyond doubt: its chances aren't counted any more."""

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gridslam.inference.state.surface_bank import diffused
+from gridslam.world.filter_settings import FilterSettings
 from gridslam.world.radio import BINS, REFLECTION_BINS
-from gridslam.world.scene_parts import FilterSettings
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -1,0 +1,54 @@
+"""Scores of several agents whose measurements were recorded: by true tracks, and by the scene's walls."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from run_samples import SCENE, some_run
+
+import gridslam as gs
+from gridslam.runs.clock_track import ClockTrack
+from gridslam.runs.network_run import NetworkRun, network_scores
+from gridslam.simulation.network import simulate_network
+
+AGENTS = ["agent1", "agent2"]
+
+
+def late():
+    """The scene, whose second agent comes at the third step."""
+    return gs.Scene.from_toml(SCENE + "present_s = [2.0, 100.0]\n", "hall.toml")
+
+
+@pytest.fixture(scope="module")
+def mapped():
+    scene = late()
+    measurements, truth = simulate_network(scene, AGENTS, 4)
+    runs = {}
+    for name, track in measurements.tracks.items():
+        own = some_run(scene, name)
+        runs[name] = replace(own, trajectory=track)
+    steps = len(measurements)
+    clocks = ClockTrack(
+        ("A", *AGENTS), 1, np.arange(steps), measurements.table.times_s, np.zeros((steps, 3)),
+        np.zeros((steps, 3, 3)), np.zeros((steps, 1), bool),
+    )  # fmt: skip
+    return NetworkRun(runs, clocks, np.full(len(measurements.agent), -1)), measurements, truth
+
+
+def test_walls_score_recorded_agents_as_they_do_simulated_ones(mapped):
+    run, measurements, truth = mapped
+    simulated, recorded = (network_scores(run, measurements, known)[0] for known in (truth, None))
+    for theirs, ours in zip(simulated, recorded, strict=True):
+        assert (ours["surfaces_true"], ours["surfaces_matched"]) == (1, 1)
+        assert None not in ours["map"].values()
+        assert {**ours, "position_bound_m": 0} == {**theirs, "position_bound_m": 0}
+
+
+def test_a_track_of_many_more_poses_is_taken_at_the_steps(mapped):
+    run, measurements, _ = mapped
+    way = measurements.tracks["agent1"]
+    dense = {"agent1": way.at(np.linspace(way.time_s[0], way.time_s[-1], 997))}
+    one, two = network_scores(run, replace(measurements, tracks=dense), None)[0]
+    assert one["surfaces_true"] == 1
+    assert one["position_rmse_m"] == pytest.approx(0, abs=1e-9)
+    assert two["surfaces_true"] is None  # nobody knows where it was
