@@ -25,8 +25,8 @@ of a half above the threshold, so that e^-21 of them are beyond the root of 21 a
 DEVIATIONS, LEAST_M = 4.0, 0.2
 """By how many deviations of distance and position together, and how much more, a path is too short."""
 LOUDER, OFF_MODEL = 4.0, 0.25
-"""By how many deviations, each with so much of the amplitude for what the model doesn't know, a path is louder
-than a line of sight of its length if it can't be an anchor's."""
+"""By how many deviations, each with so much of the amplitude for what no model knows, a path is louder than a
+line of sight of its length if it can't be an anchor's."""
 KEEP, EARLY = 0.9, 0.25
 """Share of what was so far that a step leaves, and share of the latest steps from which on health says so."""
 
