@@ -17,7 +17,12 @@ from gridslam.bench.growth import Growth, fitted, growth, with_hypotheses
 from gridslam.bench.heard_paths import heard_path_speeds
 from gridslam.bench.kernels import IdleLaunches, KernelSpeed, compete, largest_launches
 from gridslam.bench.plan import Plan
-from gridslam.bench.single_kernels import line_evidence_speed, pose_speed, state_path_speed
+from gridslam.bench.single_kernels import (
+    line_evidence_speed,
+    pose_speed,
+    sight_filter_speed,
+    state_path_speed,
+)
 from gridslam.bench.stages import KERNEL, Stopwatch
 from gridslam.bench.start import Machine, StartUp, machine, start_up
 from gridslam.bench.superposition import superposition_speeds
@@ -150,6 +155,7 @@ def measure(
     kernels.append(pose_speed(plan.kernel_particles, plan.kernel_s))
     kernels.append(state_path_speed(plan.kernel_s))
     kernels.append(line_evidence_speed(plan.kernel_s))
+    kernels.append(sight_filter_speed(plan.kernel_s))
     kernels += superposition_speeds(plan.paths, plan.kernel_s)
     kernels += feature_speeds(plan.features, plan.feature_particles, plan.kernel_s)
     kernels += heard_path_speeds(plan.features, plan.kernel_s)

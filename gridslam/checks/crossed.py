@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.inference.health.crossings import crossing_of
-from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, fitted, summed, things
+from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, fitted, things
 from gridslam.inference.health.range_watch import LEAST_STEPS, in_sight
 from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.world.columns import Columns
@@ -96,9 +96,16 @@ def fit_of(gaps: Sequence[Gaps], thing: Thing) -> Fit:
 
     At some steps what is taken for a line of sight came over a wall.
     """
-    kept = list(gaps)
+    information, vector = (
+        np.array([step.information for step in gaps]),
+        np.array([step.vector for step in gaps]),
+    )
+    total, numbers = np.array([step.total for step in gaps]), np.array([step.numbers for step in gaps])
+    kept, left = np.ones(len(gaps), dtype=bool), total
     for bound in BOUNDS:
-        fit, errors = fitted(summed(kept), thing)
-        kept = [step for step in gaps if step.misfit(errors) <= bound * step.numbers] or kept
-    misfit = sum(min(step.misfit(errors), BOUNDS[-1] * step.numbers) for step in gaps)
-    return fit._replace(misfit=misfit)
+        every = Gaps(information[kept].sum(0), vector[kept].sum(0), total[kept].sum(), numbers[kept].sum())
+        fit, errors = fitted(every, thing)
+        left = total - 2 * vector @ errors + information @ errors @ errors  # `Gaps.misfit` of each step
+        within = left <= bound * numbers
+        kept = within if within.any() else kept
+    return fit._replace(misfit=float(np.minimum(left, BOUNDS[-1] * numbers).sum()))

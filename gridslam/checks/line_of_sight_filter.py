@@ -7,23 +7,25 @@ seconds).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam import runtime
 from gridslam.arrays import Array
-from gridslam.checks.range_errors import RangeError
+from gridslam.checks.range_errors import SHRINKAGE, RangeError
 from gridslam.checks.remembered import remembered
-from gridslam.checks.sight_likelihood import QUANTITIES, SightLikelihood
+from gridslam.checks.sight_likelihood import rows_of
+from gridslam.checks.sight_particles import TOLD_APART, Scans, paces, particles_at, particles_of
 from gridslam.checks.views import in_view
-from gridslam.world.geometry import slant, unit
+from gridslam.kernels.primitives import sights as column
+from gridslam.kernels.primitives.sights import Sights
+from gridslam.world.geometry import unit
 from gridslam.world.scene import Scene
 
-PARTICLES, STEPS = 300, 100
-TOLD_APART = 12
-"""Steps after which as many particles as usual go on from many starts."""
+STEPS = 100
 DETECTED = 0.9
 """Share of the scans in which a line of sight is expected."""
 DETECTED_BEHIND = 0.3
@@ -125,203 +127,75 @@ def explain(
         Let it turn within a step by far more than ``filter.heading_deg`` says, too.
     """
     draw = np.random.default_rng(0)
-    some = _start(scene, agent, draw, crowd or (1 if error is None else CROWD))
+    some = particles_of(scene, agent, draw, crowd or (1 if error is None else CROWD))
     if starts is not None:
-        pace = _paces(scene.agent(agent).step_m if agent is not None else 0.1, len(starts))
-        some = _Particles.at(starts[:, :2], starts[:, 2], pace)
+        pace = paces(scene.agent(agent).step_m if agent is not None else 0.1, len(starts))
+        some = particles_at(starts[:, :2], starts[:, 2], pace)
     if error is not None:
-        some = replace(some, size_m=error.start(len(some.heading), draw))
-    scans, likelihood = _Scans.of(columns, steps), SightLikelihood.of(columns, scene)
-    walls, stands, heights = scene.segments(), scene.anchor_positions, scene.heights(agent)
-    turn, lasting = np.radians(scene.filter.heading_deg), LASTING if thorough else 0.0
-    widest = max(turn, SHARP_RAD) if sharp else turn
-    facing = scene.anchor_orientations
-    evidence, track = 0.0, list[Array]()
-    likeliest, ranges, chances = list[int](), list[float](), list[float]()
-    for after, anchors, rows, count in scans:
-        some = some.moved(after, lasting, turn, widest, draw)
-        viewpoints = some.position if thorough else some.position.mean(0, keepdims=True)
-        seen = in_view(stands[anchors, None], viewpoints, walls)
-        away = some.position - stands[anchors, None]
-        direction = np.arctan2(away[..., 1], away[..., 0])
-        distance = some.distances(away, anchors, heights[anchors], error)
-        ahead = direction - facing[anchors, None]
-        behind = direction + (np.pi if world_arrival else np.pi - some.heading)
-        expected = dict(zip(QUANTITIES, (distance, ahead, behind), strict=True))
-        ratio = likelihood.ratio(rows, np.repeat(np.arange(len(anchors)), count), expected)
-        expectation, first = np.where(seen, DETECTED, DETECTED_BEHIND), np.cumsum(count) - count
-        total = 1 - expectation + expectation * np.add.reduceat(ratio, first) / count[:, None]
-        score = np.log(total).sum(0)
-        weight = np.exp(score - score.max())
-        evidence += score.max() + np.log(weight.mean())
-        weight /= weight.sum()
-        for scan, share in enumerate(expectation * weight / total / count[:, None]):
-            own = slice(first[scan], first[scan] + count[scan])
-            chance = ratio[own] @ share
-            likeliest.append(rows[own][chance.argmax()])
-            chances.append(chance.sum())
-        ranges.extend((distance @ weight).tolist())
-        track.append(weight @ some.position)
-        # of many starts few are left once these steps have told them apart
-        left = PARTICLES if starts is not None and len(track) >= TOLD_APART else len(weight)
-        some = some.drawn(weight, left, error, draw)
-    row, chance, places = np.array(likeliest, np.intp), np.array(chances), np.reshape(track, (-1, 2))
-    step, anchor = columns["step"][row], columns["anchor"][row]
+        some[:, column.SIZE] = error.start(len(some), draw)
+    scans = Scans.of(columns, steps)
+    # of many starts few are left once some steps have told them apart
+    few = TOLD_APART if starts is not None else len(scans.step) + 1
+    step, draws = scans.by_step(len(some), few, error is not None, draw)
+    turn = np.radians(scene.filter.heading_deg)
+    choice = np.array([
+        LASTING if thorough else 0.0, turn, max(turn, SHARP_RAD) if sharp else turn, SHARP_ONES,
+        world_arrival, thorough, DETECTED, DETECTED_BEHIND, SHRINKAGE if error is not None else 0.0,
+    ])  # fmt: skip
+    walls, spoilt = scene.segments(), (error or RangeError("offset", ())).by_size(scene.heights(agent))
+    tables = Sights(
+        choice, step, scans.by_scan, rows_of(columns, scene)[scans.rows],
+        np.column_stack([scene.anchor_positions, scene.anchor_orientations, spoilt]),
+        np.hstack([walls.start, walls.end]), draws,
+    )  # fmt: skip
+    place, likeliest, some = _followed(tables, some)
+    places, begun = place[:, 1:], some[:, column.BEGUN :]
+    row, chance, ranges = scans.rows[likeliest[:, 0].astype(np.intp)], likeliest[:, 1], likeliest[:, 2]
+    step_of, anchor = columns["step"][row], columns["anchor"][row]
     least = LEAST_SEEN_THOROUGH if thorough else LEAST_SEEN
-    judged = _in_sight(scene, anchor, places[np.unique(step, return_inverse=True)[1]], least)
+    clear = in_view(scene.anchor_positions[anchor], places[np.unique(step_of, return_inverse=True)[1]], walls)
+    judged = clear if clear.sum() >= max(least * len(clear), 1) else np.ones(len(anchor), dtype=bool)
     shares = [
         chance[judged & (anchor == number)].mean() if (judged & (anchor == number)).any() else np.nan
         for number in range(len(scene.anchors))
     ]
     return Sight(
-        float(evidence),
+        float(place[:, 0].sum()),
         len(row),
         float(chance[judged].mean()) if len(row) else 0.0,
         row,
-        np.array(ranges),
+        ranges,
         chance,
         places,
         np.array(shares),
-        float(some.size_m.mean()) if some.size_m is not None else 0.0,
-        np.array([*some.begun[:, :2].mean(0), np.angle(np.exp(1j * some.begun[:, 2]).mean())]),
+        float(some[:, column.SIZE].mean()) if error is not None else 0.0,
+        np.array([*begun[:, :2].mean(0), np.angle(np.exp(1j * begun[:, 2]).mean())]),
         steps if len(scans.rows) < len(columns["step"]) else None,
     )
 
 
-def _in_sight(scene: Scene, anchor: NDArray[np.intp], position: Array, least: float) -> NDArray[np.bool_]:
-    """Scans (R,) in which the scene's walls leave the anchor in sight; all if less than that share is."""
-    clear = in_view(scene.anchor_positions[anchor], position, scene.segments())
-    return clear if clear.sum() >= max(least * len(clear), 1) else np.ones(len(anchor), dtype=bool)
+def _followed(tables: Sights, some: Array) -> tuple[Array, Array, Array]:
+    """What `follow_sights` tells of steps (S, 3) and scans (Q, 3), and the particles that are left."""
+    steps, scans = len(tables.step) - 1, len(tables.scan) - 1
+    if not steps:
+        return np.zeros((0, 3)), np.zeros((0, 3)), some
+    if runtime.start() != "cpu":  # a step needs the one before, and a few hundred particles don't fill a GPU
+        from gridslam import reference
 
+        return reference.follow_sights(tables, some)
+    from gridslam.kernels.management.sight_filter import follow_sights
 
-@dataclass(frozen=True, eq=False)
-class _Scans:
-    """The rows of a table's first steps, by step and anchor.
-
-    Attributes
-    ----------
-    rows : (R,) int
-        Indices into the table.
-    step, anchor, count : (S,) int
-        Of each scan, and how many rows it has.
-    begin : int
-        The table's first step.
-    """
-
-    rows: NDArray[np.intp]
-    step: NDArray[np.intp]
-    anchor: NDArray[np.intp]
-    count: NDArray[np.intp]
-    begin: int
-
-    @classmethod
-    def of(cls, columns: Mapping[str, NDArray], steps: int) -> _Scans:
-        step, anchor = np.asarray(columns["step"], np.intp), np.asarray(columns["anchor"], np.intp)
-        begin = int(step[0]) if len(step) else 0
-        rows = np.flatnonzero(step < begin + steps)
-        rows = rows[np.lexsort((anchor[rows], step[rows]))]
-        first = np.flatnonzero(np.diff(step[rows], prepend=-1) | np.diff(anchor[rows], prepend=-1))
-        count = np.diff(first, append=len(rows))
-        return cls(rows, step[rows[first]], anchor[rows[first]], count, begin)
-
-    def __iter__(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]]:
-        """Of each step: steps since the one before; anchors (A,) heard; their rows, and how many of each."""
-        first = np.flatnonzero(np.diff(self.step, prepend=-1))
-        behind, before = np.cumsum(self.count), self.begin
-        for start, end in zip(first, [*first[1:], len(self.step)], strict=True):
-            after, before = max(int(self.step[start]) - before, 1), int(self.step[start])
-            scans = slice(start, end)
-            rows = self.rows[behind[start] - self.count[start] : behind[end - 1]]
-            yield after, self.anchor[scans], rows, self.count[scans]
-
-
-@dataclass(frozen=True, eq=False)
-class _Particles:
-    """Where the agent may be.
-
-    Attributes
-    ----------
-    position, heading : (P, 2) m, (P,) rad
-    pace : (P,) m
-        Standard deviation of a step.
-    going : (P, 2)
-        The latest step, in paces.
-    begun : (P, 3) m, m, rad
-        Where it began, and how it faced.
-    size_m : (P,), optional
-        Of the error that is supposed in the distances.
-    """
-
-    position: Array
-    heading: Array
-    pace: Array
-    going: Array
-    begun: Array
-    size_m: Array | None = None
-
-    @classmethod
-    def at(cls, position: Array, heading: Array, pace: Array) -> _Particles:
-        """Particles that begin there."""
-        begun = np.column_stack([position, heading])
-        return cls(position, heading, pace, np.zeros_like(position), begun)
-
-    def moved(
-        self, steps: int, lasting: float, turn_rad: float, widest_rad: float, draw: np.random.Generator
-    ) -> _Particles:
-        """Those after so many steps, of which some turn by up to `widest_rad`, not `turn_rad`."""
-        gap = np.sqrt(steps)
-        going = lasting * self.going + np.sqrt(1 - lasting**2) * draw.standard_normal(self.position.shape)
-        turn = np.where(np.arange(len(self.heading)) % SHARP_ONES == 0, widest_rad, turn_rad)
-        heading = self.heading + gap * turn * draw.standard_normal(len(self.heading))
-        position = self.position + gap * self.pace[:, None] * going
-        return _Particles(position, heading, self.pace, going, self.begun, self.size_m)
-
-    def distances(
-        self, away: Array, anchors: NDArray[np.intp], heights: Array, error: RangeError | None
-    ) -> Array:
-        """Distances (A, P) in m that each expects of anchors which it is `away` (A, P, 2) m from."""
-        level = np.hypot(away[..., 0], away[..., 1])
-        if error is None or self.size_m is None:
-            return slant(level, heights[:, None])
-        spoilt = zip(level, anchors.tolist(), heights.tolist(), strict=True)
-        return np.stack([error.spoilt(own, self.size_m, *anchor) for own, *anchor in spoilt])
-
-    def drawn(
-        self, weight: Array, left: int, error: RangeError | None, draw: np.random.Generator
-    ) -> _Particles:
-        """So many of them, drawn systematically by weight (P,)."""
-        places = (draw.random() + np.arange(left)) / left
-        chosen = np.minimum(np.searchsorted(np.cumsum(weight), places), len(weight) - 1)
-        size = None
-        if error is not None and self.size_m is not None:
-            size = error.redrawn(self.size_m[chosen], draw)
-        return _Particles(
-            self.position[chosen], self.heading[chosen], self.pace[chosen], self.going[chosen],
-            self.begun[chosen], size,
-        )  # fmt: skip
-
-
-def _start(scene: Scene, agent: str | None, draw: np.random.Generator, times: int) -> _Particles:
-    """Particles about the agent's start, `times` as many as usual; anywhere in the grid without an agent."""
-    if agent is None:
-        low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
-        count = 10 * PARTICLES
-        position = draw.uniform(low, high, (count, 2))
-        return _Particles.at(position, draw.uniform(-np.pi, np.pi, count), np.full(count, 0.1))
-    body = scene.agent(agent)
-    wide = max(body.prior.position_m, 0.1)
-    count = times * PARTICLES
-    position = body.start_m + draw.uniform(-wide, wide, (count, 2))
-    facing = np.radians(body.start_heading_deg + body.prior.heading_deg * draw.uniform(-1, 1, count))
-    return _Particles.at(position, facing, _paces(body.step_m, count))
-
-
-def _paces(step_m: float, count: int) -> Array:
-    """Standard deviations (count,) of a step in m.
-
-    A quarter of the particles hurries, since a table of one's own needn't keep to the scene's step.
-    """
-    return step_m * np.where(np.arange(count) % 4 == 0, 4.0, 0.8)
+    count = int(tables.step[:, column.COUNT].max())
+    rows = np.diff(tables.scan[tables.step[:, column.SCANS], column.ROWS]).max()
+    most = int(rows + np.diff(tables.step[:, column.SCANS]).max())
+    particle, place, likeliest = (
+        np.zeros((2, count, column.PARTICLE)),
+        np.empty((steps, 3)),
+        np.empty((scans, 3)),
+    )
+    particle[0, : len(some)] = some
+    follow_sights(tables, particle, np.empty((count, most + 1)), place, likeliest)
+    return place, likeliest, particle[steps % 2, : tables.step[-1, column.COUNT]]
 
 
 def turning_rad(track: Array, leg_m: float = 0.5) -> float:

@@ -13,6 +13,8 @@ MOST_OFFSET_M, MOST_HEIGHT_M, MOST_RISE_M = 10.0, 8.0, 3.0
 """Within which they are looked for."""
 LEAST_OFFSET_M, LEAST_HEIGHT_M, LEAST_RISE_M = 0.3, 0.7, 0.3
 """Smaller ones aren't told of: a receiver's own bias, or a map that is drawn roughly, makes them, too."""
+
+
 SHRINKAGE = 0.98
 """Of the spread of particles at each redrawing (Liu and West, 2001); noise makes up for it."""
 
@@ -51,11 +53,16 @@ class RangeError:
         """Sizes (N,) in m that are possible beforehand, evenly spread."""
         return draw.uniform(*self.bounds_m, count)
 
-    def redrawn(self, size: Array, draw: np.random.Generator) -> Array:
-        """Sizes (N,) moved a little, mean and spread kept, so that particles stay apart."""
-        mean, spread = size.mean(), size.std()
-        noise = np.sqrt(1 - SHRINKAGE**2) * spread * draw.standard_normal(len(size))
-        return mean + SHRINKAGE * (size - mean) + noise
+    def by_size(self, height: Array) -> Array:
+        """How it spoils distances of J anchors, (J, 3).
+
+        Columns: height above the agent but for the size, m; how many times the size is added to the height,
+        and to the distance. `height` (J,) in m is that of the scene; see `spoilt`.
+        """
+        own = np.isin(np.arange(len(height)), self.anchors)
+        fixed = np.where(own & (self.kind in ("slant", "plan")), 0.0, height)
+        tilt = {"slant": 1.0, "rise": -1.0}.get(self.kind, 0.0)
+        return np.column_stack([fixed, own * tilt, own * float(self.kind == "offset")])
 
     def spoilt(self, level: Array, size: Array, anchor: int, height: float) -> Array:
         """What is measured (N,) in m for true horizontal distances (N,).

@@ -7,12 +7,12 @@ column's own values lie.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.kernels.primitives.sights import PEAK, SURE, VALUES
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
@@ -20,90 +20,32 @@ from gridslam.world.scene import Scene
 ANGLE_STD = np.radians(5.0)
 LEAST_DISTANCE_STD_M = 0.1
 QUANTITIES = ("distance_m", "aod_rad", "aoa_rad")
-TURN = 2 * np.pi
 
 
-@dataclass(frozen=True)
-class _Quantity:
-    """A column, as the likelihood of a line of sight takes it.
+def rows_of(columns: Mapping[str, NDArray], scene: Scene) -> Array:
+    """The K rows of a table as `gridslam.kernels.primitives.sights.Sights` takes them, (K, 7).
 
-    Attributes
+    Parameters
     ----------
-    values : (K,) float64
-        0 where not measured.
-    precision : (K,) float64
-        One over the standard deviation; 0 where not measured.
-    peak : (K,) float64
-        Density of the line of sight at its best, over that of any path; 1 where not measured.
-    turns : bool
-        Whether it is an angle.
+    columns : dict of (K,) arrays
+        As of `gridslam.checks.line_of_sight_filter.explain`.
     """
-
-    values: Array
-    precision: Array
-    peak: Array
-    turns: bool
-
-
-@dataclass(frozen=True)
-class SightLikelihood:
-    """Likelihood of the K rows of a table as lines of sight, over that of any path.
-
-    Attributes
-    ----------
-    quantities : dict of _Quantity
-        The columns that there are.
-    peak : (K,) float64
-        The ratio where all of them are as expected.
-    """
-
-    quantities: dict[str, _Quantity]
-    peak: Array
-
-    @classmethod
-    def of(cls, columns: Mapping[str, NDArray], scene: Scene) -> SightLikelihood:
-        """Of a table's columns, see `line_of_sight_filter.explain`."""
-        quantities = {name: _quantity(columns, name, scene) for name in QUANTITIES if name in columns}
-        peak = np.ones(len(columns["step"]))
-        for quantity in quantities.values():
-            peak *= quantity.peak
-        return cls(quantities, peak)
-
-    def ratio(self, rows: NDArray[np.intp], whose: NDArray[np.intp], expected: Mapping[str, Array]) -> Array:
-        """The ratios (M, P) of some rows (M,) at P particles.
-
-        Parameters
-        ----------
-        whose : (M,) int
-            Which of the A scans each row is of.
-        expected : dict of (A, P) arrays
-            What each particle expects of each scan.
-        """
-        exponent = np.zeros((len(rows), expected["distance_m"].shape[1]))
-        for name, quantity in self.quantities.items():
-            gap = quantity.values[rows, None] - expected[name][whose]
-            if quantity.turns:
-                gap -= TURN * np.rint(gap / TURN)
-            gap *= quantity.precision[rows, None]
-            gap *= gap
-            exponent += gap
-        exponent *= -0.5
-        return self.peak[rows, None] * np.exp(exponent, out=exponent)
-
-
-def _quantity(columns: Mapping[str, NDArray], name: str, scene: Scene) -> _Quantity:
-    values, turns = np.asarray(columns[name], dtype=np.float64), name.endswith("_rad")
-    least = ANGLE_STD if turns else max(LEAST_DISTANCE_STD_M, 0.5 * SPEED_OF_LIGHT / scene.radio.bandwidth_hz)
-    own = columns.get("distance_std_m" if name == "distance_m" else name.replace("rad", "std_rad"))
-    sigma = np.hypot(least, np.nan_to_num(own) if own is not None else np.zeros(len(values)))
-    missing = np.isnan(values)
-    usual = _density(np.asarray(wrap(values)) if turns else values)  # spread over turns they'd seem rarer
-    return _Quantity(
-        np.where(missing, 0.0, values),
-        np.where(missing, 0.0, 1 / sigma),
-        np.where(missing, 1.0, 1 / (np.sqrt(2 * np.pi) * sigma * usual)),
-        turns,
-    )
+    rows = np.zeros((len(columns["step"]), PEAK + 1))
+    rows[:, PEAK] = 1.0
+    for number, name in enumerate(QUANTITIES):
+        if name not in columns:
+            continue
+        values, angle = np.asarray(columns[name], dtype=np.float64), name.endswith("_rad")
+        resolution = 0.5 * SPEED_OF_LIGHT / scene.radio.bandwidth_hz
+        least = ANGLE_STD if angle else max(LEAST_DISTANCE_STD_M, resolution)
+        own = columns.get("distance_std_m" if name == "distance_m" else name.replace("rad", "std_rad"))
+        sigma = np.hypot(least, np.nan_to_num(own) if own is not None else np.zeros(len(values)))
+        known = np.isfinite(values)
+        usual = _density(np.asarray(wrap(values)) if angle else values)  # spread over turns they'd seem rarer
+        rows[:, VALUES + number] = np.where(known, values, 0.0)
+        rows[:, SURE + number] = np.where(known, 1 / sigma, 0.0)
+        rows[known, PEAK] /= (np.sqrt(2 * np.pi) * sigma * usual)[known]
+    return rows
 
 
 def _density(values: Array) -> Array:

@@ -11,9 +11,10 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.checks.course import STEADY, Course, side_words
 from gridslam.checks.fit import FITTING, least_share, settled
-from gridslam.checks.line_of_sight_filter import PARTICLES, TOLD_APART, Sight, explain
+from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.rivals import CERTAIN
 from gridslam.checks.sight_likelihood import ANGLE_STD
+from gridslam.checks.sight_particles import PARTICLES, TOLD_APART
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ADVICE, Suspicion
 from gridslam.checks.views import enclosed

@@ -149,17 +149,26 @@ def encoded(figure: Figure, form: str = "png") -> bytes:
         out = max(-drawn.x0, drawn.x1 - figure.get_figwidth())
         if out > 0 and isinstance(engine, ConstrainedLayoutEngine):  # it was laid out for other ticks
             engine.set(w_pad=PAD_IN + out)
-            figure.draw_without_rendering()
+            lay_out(figure)
             drawn = figure.get_tightbbox()
         cut = Bbox([[0, drawn.y0 - PAD_IN], [figure.get_figwidth(), drawn.y1 + PAD_IN]])
+        figure.set_layout_engine("none")  # it is laid out, which takes as long as drawing it
         figure.savefig(content, format=form, bbox_inches=cut, metadata=STILL[form])
+        figure.set_layout_engine(engine)
     return content.getvalue()
+
+
+def lay_out(figure: Figure, times: int = 1) -> None:
+    """Put axes and legends where there is room for them."""
+    engine = figure.get_layout_engine()
+    for _ in range(times):
+        if engine is not None:
+            engine.execute(figure)
 
 
 def fit_legends(figure: Figure) -> None:
     """Legends that are wider than the figure get fewer columns; lays the figure out."""
-    for _ in range(LAYOUTS):
-        figure.draw_without_rendering()
+    lay_out(figure, LAYOUTS)
     for legend in list(figure.legends):
         low = legend.get_window_extent().y0 < 0.5 * figure.bbox.height
         place: Any = f"outside {'lower' if low else 'upper'} center"
@@ -176,8 +185,7 @@ def fit_legends(figure: Figure) -> None:
                 fontsize=texts[0].get_fontsize(),
                 frameon=False,
             )
-            for _ in range(LAYOUTS):
-                figure.draw_without_rendering()
+            lay_out(figure, LAYOUTS)
 
 
 def inlined(figure: Figure, title: str) -> str:

@@ -34,6 +34,7 @@ from gridslam.reference.paths import densities, draw, lines_of, polylines, prepa
 from gridslam.reference.rays import list_paths, near
 from gridslam.reference.readout import describe
 from gridslam.reference.rings import follow_rings, weigh_rings
+from gridslam.reference.sight_filter import follow_sights
 from gridslam.reference.superposition import climb, respond, superpose
 from gridslam.reference.updates import effective_sample_size, exist, fit, update
 from gridslam.world.geometry import trace
@@ -66,6 +67,7 @@ __all__ = [
     "fit",
     "fold_messages",
     "follow_rings",
+    "follow_sights",
     "gate",
     "initialise_surface",
     "late",

@@ -84,6 +84,7 @@ def test_each_usual_error_is_named_and_nothing_else(tables, case, name):
         assert [(item.column, item.kind, item.certain) for item in found] == [(column, kind, True)]
 
 
+@pytest.mark.slow
 def test_distances_beyond_the_radio_are_named_with_the_largest(tables):
     table, scene = tables["room", 1], SCENES["room"]
     good = columns(table, BRIEF)
@@ -182,6 +183,7 @@ def test_lines_tell_units_what_is_missing_and_what_is_refused(tmp_path, tables):
     assert "degrees" in lines[-2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", ["time", "rows"])
 def test_nothing_is_said_to_fit_of_a_table_that_is_refused(tmp_path, tables, spoil):
     path = tmp_path / "heard.csv"

@@ -54,6 +54,7 @@ def made(tmp_path_factory):
         ("room", "scene room: 2 anchors, 1 wall of 4 pieces, "),
     ],
 )
+@pytest.mark.slow
 def test_every_file_of_a_run_is_told(say, made, name, described):
     result = say("check", made / name if name != "room" else name)
     assert (result.code, result.err) == (0, "")

@@ -78,7 +78,7 @@ def test_exchanged_anchors_do_not_fit_and_right_ones_do():
 def test_one_anchor_without_departures_is_not_judged_by_when_walls_hide_it(tmp_path):
     """By length and AoA alone the agent may go around the anchor: `check` called such tables suspect."""
     scene = gs.Scene.load("screen")
-    measurements = gs.simulate(scene, "agent1", 1)
+    measurements = gs.simulate(scene, "agent1", 6)
     assert np.isnan(measurements.aod_rad).all()
     assert fits_scene(scene, "agent1", measurements)
     measurements.to_csv(tmp_path / "a.csv")

@@ -28,6 +28,7 @@ def judged(monkeypatch, sight, after, before):
     monkeypatch.setattr(rivals, "settled", lambda *_: replace(sight, **next(answers)))
 
 
+@pytest.mark.slow
 def test_an_error_of_all_distances_is_cured(late):
     table, sight = late
     cure = rivals.range_cure(table, ROOM, "agent1", sight)

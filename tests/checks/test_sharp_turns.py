@@ -39,6 +39,7 @@ def test_what_fits_is_never_exchanged_for_what_fits_worse(monkeypatch):
     assert followed(table, ALCOVE, "agent1", plain) is plain
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [False, True])
 def test_a_reading_is_accused_only_if_it_fits_worse_by_sharp_turns_too(wrong):
     right = turning(simulated_columns("alcove", 1, steps=BRIEF), 50)

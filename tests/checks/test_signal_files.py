@@ -163,6 +163,7 @@ def test_a_file_without_any_place_says_what_was_not_checked(tmp_path):
     assert "not checked" in describe_signal(path)[-1]
 
 
+@pytest.mark.slow
 def test_the_command_line_says_it_all_and_ends_with_what_it_found(say, tmp_path):
     scene = SCENES["arrays"]
     written(tmp_path / "good.h5", scene)

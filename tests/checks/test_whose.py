@@ -1,6 +1,7 @@
 """Which anchor is which, where distances alone are measured: unsure, with names that fit as well."""
 
 import numpy as np
+import pytest
 
 import gridslam as gs
 from gridslam.checks.line_of_sight_filter import explain
@@ -54,6 +55,7 @@ def test_distances_alone_are_never_certain_and_angles_are():
     assert said(2.5, angles=True) == ""
 
 
+@pytest.mark.slow
 def test_exchanged_names_are_certain_only_by_angles():
     scene = scene_from(2.5)
     for angles in (False, True):

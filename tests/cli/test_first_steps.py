@@ -32,6 +32,7 @@ def open_air(say):
     return say
 
 
+@pytest.mark.slow
 @runs
 def test_the_first_steps_of_each_agent_are_those_of_the_whole_run(tiny):
     for more, folder in (((), "whole"), (("--steps", 2), "part")):
@@ -58,6 +59,7 @@ def test_the_first_steps_of_a_file_are_scored_against_theirs(tiny):
     assert (told.code, "--steps" in told.err) == (2, True)
 
 
+@pytest.mark.slow
 @runs
 def test_steps_are_kept_by_a_run_that_is_gone_on_with(tiny, monkeypatch):
     from gridslam.systems.grid import GridSlam

@@ -123,6 +123,7 @@ def test_in_python_the_interrupt_has_the_run(tiny, monkeypatch):
     assert len(stop.value.run.estimates) == 3
 
 
+@pytest.mark.slow
 def test_with_a_checkpoint_notes_are_made_when_the_run_goes_on(tiny, monkeypatch):
     cut_short(monkeypatch, "gridslam.cli.run", "jolt_notes")
     told = tiny(*ONE, "--checkpoint", "1")

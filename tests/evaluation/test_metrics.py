@@ -214,6 +214,7 @@ def test_scores_are_the_same_however_few_cells_and_legs_are_taken_at_once(monkey
     assert metrics.map_scores(grid, segments, routes) == whole
 
 
+@pytest.mark.slow
 def test_scores_take_little_beside_the_map_itself():
     rng, shape = np.random.default_rng(1), (1000, 1000)
     seen = rng.random(shape) < 0.5

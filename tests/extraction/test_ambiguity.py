@@ -90,6 +90,7 @@ def test_a_path_beside_others_is_judged_by_what_they_leave():
         assert gain[0, 0, 0] == pytest.approx(without.energy[0] - other.energy[0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_many_snapshots_are_worked_at_in_parts_with_the_same_outcome(monkeypatch):
     band, paths = band_of(0.5), anywhere(40, 7)
     whole = judged(band, paths, 18, 8)[1]
@@ -98,6 +99,7 @@ def test_many_snapshots_are_worked_at_in_parts_with_the_same_outcome(monkeypatch
     np.testing.assert_array_equal(whole, judged(band, paths, 18, 8)[1])
 
 
+@pytest.mark.slow
 def test_extracted_tables_leave_such_angles_empty_and_keep_the_rest_of_the_path(tmp_path):
     scene = gs.Scene.load("screen")
     found = gs.extract(gs.simulate(scene, "agent1", 1, what="signal"), scene)

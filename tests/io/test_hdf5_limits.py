@@ -67,6 +67,7 @@ def test_links_in_a_matlab_file_are_refused(tmp_path, place):
         Measurements.from_mat(tmp_path / "a.mat")
 
 
+@pytest.mark.slow
 def test_sum_of_what_is_read_from_a_file_is_limited(tmp_path, monkeypatch):
     """Each dataset may be as large as it is, all together not; one under many names counts every time."""
     count = 5000

@@ -71,6 +71,7 @@ def test_contradicting_fields_are_refused(change):
         replace(random_map(0), **change)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6), shape=st.tuples(st.integers(1, 9), st.integers(1, 9)))
 @settings(max_examples=20, deadline=None)
 def test_saved_map_loads_back_equal(tmp_path_factory, seed, shape):

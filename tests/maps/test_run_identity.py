@@ -144,6 +144,7 @@ def test_fuse_on_the_command_line(say, maps, tmp_path):
     assert say("fuse", "b.h5", "a.h5", "-o", "both.h5", "--overwrite").code == 0
 
 
+@pytest.mark.slow
 def test_map_of_another_building_is_refused(say, scene, maps, no_figures, tmp_path):
     data = scene.model_dump(exclude_none=True)
     data["anchors"] = [{**anchor, "name": f"flat {anchor['name']}"} for anchor in data["anchors"]]

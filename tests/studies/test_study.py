@@ -234,6 +234,7 @@ def test_command_says_what_is_wrong_in_one_line(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.slow
 def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys):
     (tmp_path / "tiny.toml").write_text(TINY)
     given = (tmp_path / "tiny.toml", "--runs", "2", "-o", tmp_path / "s")

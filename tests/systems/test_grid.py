@@ -138,6 +138,7 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
         ("states/0/surfaces/outermost", (0, 1), np.nan),
     ],
 )
+@pytest.mark.slow
 def test_a_checkpoint_whose_numbers_cannot_be_is_refused(tmp_path, name, place, value):
     scene = shortened(gs.Scene.load("room"), 3)
     slam = gs.GridSlam(scene, seed=4)

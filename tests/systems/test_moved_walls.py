@@ -70,6 +70,7 @@ def beside(table, y):
     return turned & (np.abs(table.line[:, 1] * np.sin(table.line[:, 0]) - y) < 0.05)
 
 
+@pytest.mark.slow
 def test_a_wall_behind_where_one_stood_is_found(maps):
     found = maps[1].surfaces
     assert beside(found, NOW_M).sum() == 1

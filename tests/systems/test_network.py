@@ -110,6 +110,7 @@ def columns(scan):
     return {key: value for key, value in vars(scan).items() if isinstance(value, np.ndarray)}
 
 
+@pytest.mark.slow
 def test_a_checkpoint_goes_on_bit_for_bit(exchange, simulated, tmp_path):
     slam = NetworkSlam(exchange, agents=AGENTS, seed=4)
     for step in range(3):
@@ -181,6 +182,7 @@ def test_clocks_with_rates_are_followed():
     assert np.abs(without_common(run.clocks.errors(data.clocks))[6:]).max() < 3e-9
 
 
+@pytest.mark.slow
 def test_labels_may_be_known_of_some_rows_alone(exchange):
     data, truth = shared_air(exchange, AGENTS[:2], 3, sharing=4)
     label = np.where(np.arange(len(truth.source)) % 3 == 0, data.table.anchor, -1)
@@ -317,6 +319,7 @@ def test_agents_whose_clocks_are_as_wide_as_anchors_find_each_other_and_claim_no
     assert "turned" not in said
 
 
+@pytest.mark.slow
 def test_a_clock_that_nothing_ties_to_the_time_is_said_to_be_open():
     """One agent that hears no anchor has no clock, and health says so; with the first anchor it has one."""
     whole = small("exchange", 8, particles=300)

@@ -35,6 +35,7 @@ class Drawn:
         return self.content
 
 
+@pytest.mark.slow
 def test_no_figure_is_written_before_all_are_drawn(folder, monkeypatch):
     def draw(content, stop_at=None):
         monkeypatch.setattr("gridslam.viewers.plots.encoded", Drawn(content, stop_at))
@@ -53,6 +54,7 @@ def test_no_figure_is_written_before_all_are_drawn(folder, monkeypatch):
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_a_report_after_one_that_was_stopped_has_all_figures(folder, monkeypatch):
     monkeypatch.setattr("gridslam.viewers.plots.encoded", Drawn(b"figure", stop_at=3))
     with pytest.raises(KeyboardInterrupt):
@@ -92,6 +94,7 @@ def test_one_figure_that_fails_costs_no_other(folder, monkeypatch):
     assert set(content) == names
 
 
+@pytest.mark.slow
 def test_links_that_lead_out_of_the_folder_are_not_followed(folder, tmp_path, monkeypatch):
     monkeypatch.setattr("gridslam.viewers.plots.encoded", Drawn(b"figure"))
     (tmp_path / "away").mkdir()

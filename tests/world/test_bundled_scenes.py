@@ -11,6 +11,7 @@ from gridslam.world.scene import Scene
 from gridslam.world.scene_files import BUNDLED, bundled_scenes
 
 
+@pytest.mark.slow
 def test_bundled_scenes_cite_their_source_and_say_what_is_hard():
     assert bundled_scenes() == [
         "alcove",

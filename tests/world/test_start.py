@@ -125,6 +125,7 @@ def test_the_filter_begins_where_it_is_told(scene):
         gs.GridSlam(scene).start_at([np.nan, 0.0], 0.0)
 
 
+@pytest.mark.slow
 def test_python_draws_starts_of_what_was_simulated_and_takes_the_scenes_of_the_rest(scene, tmp_path):
     heard = gs.simulate(scene, "agent1", 1)
     heard.to_csv(tmp_path / "heard.csv")

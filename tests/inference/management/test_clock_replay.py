@@ -125,6 +125,7 @@ def test_walls_that_two_links_hear_are_told_roughly(scene, scans):
     assert len(with_walls_of(phantoms, fresh).surfaces) == 0
 
 
+@pytest.mark.slow
 def test_only_modes_of_open_clocks_are_told(scene, scans):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     first, _, _ = until_set(slam, scans)
@@ -167,6 +168,7 @@ def test_walls_are_told_only_if_that_explains_no_less(scene, scans, monkeypatch)
         assert again.log_evidence == number + 1
 
 
+@pytest.mark.slow
 def test_walls_that_are_told_say_nothing_of_a_clock_that_is_searched_for(scene, scans):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     first, before, number = until_set(slam, scans)
@@ -183,6 +185,7 @@ def test_walls_that_are_told_say_nothing_of_a_clock_that_is_searched_for(scene, 
     assert np.count_nonzero(slam.state.belief.covariance[entry]) > 1
 
 
+@pytest.mark.slow
 def test_a_world_in_which_a_clock_is_doubted_again_is_not_taken(scene, scans):
     slam = NetworkSlam(scene, agents=AGENTS, seed=5)
     _, before, number = until_set(slam, scans)

@@ -122,6 +122,7 @@ def test_the_parent_of_a_branching_is_known_when_others_are_split(scene, scans):
     assert whole.states[whole.guard] is parent
 
 
+@pytest.mark.slow
 def test_two_places_are_told_and_evidence_decides_between_them(scene, scans):
     slam, track = branched(scene, scans), scene.track("agent1")
     population = slam.population
@@ -139,6 +140,7 @@ def test_two_places_are_told_and_evidence_decides_between_them(scene, scans):
     assert slam.population.weights[0] > 0.9999
 
 
+@pytest.mark.slow
 def test_a_population_goes_on_from_its_checkpoint_bit_for_bit(scene, scans, tmp_path):
     slam = branched(scene, scans)
     slam.save(tmp_path / "here.h5")

@@ -49,6 +49,7 @@ def started(scene, method=gs.AdaptiveSlam):
     return slam
 
 
+@pytest.mark.slow
 def test_what_a_hidden_anchor_seems_to_say_waits_for_its_line_of_sight():
     scene = two_rooms()
     slam, table = started(scene), gs.simulate(scene, "cart", seed=3)

@@ -60,6 +60,7 @@ def off(state, entries, offset):
     return replace(state, belief=state.belief.together(rows, offset, 0.0))
 
 
+@pytest.mark.slow
 def test_clocks_that_are_right_stay_as_they_are(settled):
     slam, scans = settled
     after = looked(slam, slam.state, scans)
@@ -68,6 +69,7 @@ def test_clocks_that_are_right_stay_as_they_are(settled):
     assert after.clocks.moved.max() < MOST / 2
 
 
+@pytest.mark.slow
 def test_a_wrong_clock_of_an_agent_is_set_right_by_more_than_one_look(settled):
     slam, scans = settled
     wrong = off(slam.state, [5], WRONG_M)
@@ -83,6 +85,7 @@ def test_a_wrong_clock_of_an_agent_is_set_right_by_more_than_one_look(settled):
     assert not after.clocks.moved.any()
 
 
+@pytest.mark.slow
 def test_what_was_heard_by_a_wrong_clock_is_forgotten_once_it_is_right(settled):
     """Else it stands for another offset of an anchor's clock, and opens that."""
     slam, scans = settled
@@ -93,6 +96,7 @@ def test_what_was_heard_by_a_wrong_clock_is_forgotten_once_it_is_right(settled):
     assert not common[common > NEVER].any()
 
 
+@pytest.mark.slow
 def test_an_anchor_that_it_alone_hears_moves_with_it(settled):
     """Anchors A, B and C are heard by both, D by the second agent alone: it fits its clock, and moves."""
     slam, scans = settled
@@ -109,6 +113,7 @@ def test_where_nothing_else_is_heard_of_both_nothing_says_so(settled):
     np.testing.assert_array_equal(clocks(looked(slam, wrong, apart)), clocks(wrong))
 
 
+@pytest.mark.slow
 def test_not_beyond_a_prior(settled):
     slam, scans = settled
     clock = slam.model.clocks
@@ -122,6 +127,7 @@ def test_not_beyond_a_prior(settled):
     np.testing.assert_array_equal(clocks(state), clocks(wrong))
 
 
+@pytest.mark.slow
 def test_health_says_so_before_a_clock_is_set_elsewhere(settled):
     slam, scans = settled
     once = looked(slam, off(slam.state, [5], WRONG_M), scans[:1])

@@ -71,6 +71,7 @@ def taken_in(state, model, scan, anchor=EVERY_ANCHOR):
     return after, ratios, births, exchange, born
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3), st.booleans())
 @settings(max_examples=20, deadline=None)
 def test_slopes_are_differences_of_the_prediction_for_clocks_and_rises_too(seed, surfaces, rises):

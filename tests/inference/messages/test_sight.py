@@ -134,6 +134,7 @@ def test_powers_of_handed_over_features_follow_the_scale_of_the_samples():
     assert found.features.power[0] == pytest.approx(500 * 1e4, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_where_few_particles_carry_the_weight_others_are_drawn_about_them(seed):
     model, draw = signal_model(), np.random.default_rng(seed)

@@ -1,0 +1,106 @@
+"""The scans and the particles of the filter that follows an agent by lines of sight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.kernels.primitives import sights as column
+from gridslam.world.scene import Scene
+
+PARTICLES = 300
+TOLD_APART = 12
+"""Steps after which as many particles as usual go on from many starts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scans:
+    """The rows of a table's first steps, by step and anchor.
+
+    Attributes
+    ----------
+    rows : (R,) int
+        Indices into the table.
+    step, anchor, count : (S,) int
+        Of each scan, and how many rows it has.
+    begin : int
+        The table's first step.
+    """
+
+    rows: NDArray[np.intp]
+    step: NDArray[np.intp]
+    anchor: NDArray[np.intp]
+    count: NDArray[np.intp]
+    begin: int
+
+    @classmethod
+    def of(cls, columns: Mapping[str, NDArray], steps: int) -> Scans:
+        """Those of so many steps of a table, from its first."""
+        step, anchor = np.asarray(columns["step"], np.intp), np.asarray(columns["anchor"], np.intp)
+        begin = int(step[0]) if len(step) else 0
+        rows = np.flatnonzero(step < begin + steps)
+        rows = rows[np.lexsort((anchor[rows], step[rows]))]
+        first = np.flatnonzero(np.diff(step[rows], prepend=-1) | np.diff(anchor[rows], prepend=-1))
+        count = np.diff(first, append=len(rows))
+        return cls(rows, step[rows[first]], anchor[rows[first]], count, begin)
+
+    @property
+    def by_scan(self) -> NDArray[np.int32]:
+        """As `Sights.scan`."""
+        first = np.concatenate([[0], np.cumsum(self.count)])
+        return np.column_stack([np.append(self.anchor, 0), first]).astype(np.int32)
+
+    def by_step(
+        self, count: int, many: int, sized: bool, draw: np.random.Generator
+    ) -> tuple[NDArray[np.int32], Array]:
+        """As `Sights.step` and `Sights.draw`, for `count` particles, fewer after `many` steps."""
+        first = np.flatnonzero(np.diff(self.step, prepend=-1))
+        after = np.maximum(np.diff(self.step[first], prepend=self.begin), 1)
+        number = np.arange(len(first) + 1)
+        counts = np.where(number < many, count, PARTICLES)
+        drawn = [
+            np.concatenate(
+                [draw.standard_normal(3 * now), [draw.random()], draw.standard_normal(sized * left)]
+            )
+            for now, left in pairwise(counts)
+        ]
+        begin = np.cumsum([0, *map(len, drawn)])
+        table = np.column_stack([np.append(after, 0), np.append(first, len(self.step)), begin, counts])
+        return table.astype(np.int32), np.concatenate([*drawn, np.zeros(0)])
+
+
+def particles_at(position: Array, heading: Array, pace: Array) -> Array:
+    """Particles (P, 10) that begin there, as `gridslam.kernels.primitives.sights` has them."""
+    some = np.zeros((len(position), column.PARTICLE))
+    some[:, column.PLACE : column.HEADING] = some[:, column.BEGUN : column.BEGUN + 2] = position
+    some[:, column.HEADING] = some[:, column.BEGUN + 2] = heading
+    some[:, column.PACE] = pace
+    return some
+
+
+def particles_of(scene: Scene, agent: str | None, draw: np.random.Generator, times: int) -> Array:
+    """Particles about the agent's start, `times` as many as usual; anywhere in the grid without an agent."""
+    if agent is None:
+        low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
+        count = 10 * PARTICLES
+        position = draw.uniform(low, high, (count, 2))
+        return particles_at(position, draw.uniform(-np.pi, np.pi, count), np.full(count, 0.1))
+    body = scene.agent(agent)
+    wide = max(body.prior.position_m, 0.1)
+    count = times * PARTICLES
+    position = body.start_m + draw.uniform(-wide, wide, (count, 2))
+    facing = np.radians(body.start_heading_deg + body.prior.heading_deg * draw.uniform(-1, 1, count))
+    return particles_at(position, facing, paces(body.step_m, count))
+
+
+def paces(step_m: float, count: int) -> Array:
+    """Standard deviations (count,) of a step in m.
+
+    A quarter of the particles hurries, since a table of one's own needn't keep to the scene's step.
+    """
+    return step_m * np.where(np.arange(count) % 4 == 0, 4.0, 0.8)
