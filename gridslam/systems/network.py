@@ -12,6 +12,7 @@ import numpy as np
 
 from gridslam.arrays import replace
 from gridslam.inference.health.reasons import ASTRAY, CLOCK_CONTESTED, CLOCK_OPEN
+from gridslam.inference.management.network.early_arrivals import watched_sights
 from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
@@ -112,6 +113,9 @@ def take_turns(
                 earlier_s,
                 model.agents[agent],
                 work[agent],
+            )
+            part, info = watched_sights(  # (M532)
+                part, info, anchor_scan, model.agents[agent], work=work[agent]
             )
             if state.recorded(agent, part.monitor).teaches[agent]:
                 state = doubt_clocks(

@@ -11,6 +11,8 @@ reason              said when                                   by              
                     worse, and of late (some ten steps) fewer
                     than 4 measurements were too loud for
                     clutter
+`blind`             the position was known to 0.5 m or worse `monitor.HealthMonitor.assess`   (M533)
+                    since the latest line of sight
 `found_again`       pose recovery moved the agent 0 to 4 steps  `monitor.HealthMonitor.assess`   section 9
                     ago
 `leapt`             up to 99 steps ago it was moved to where  `monitor.HealthMonitor.assess`   (M512)
@@ -34,6 +36,7 @@ reason              said when                                   by              
 `early`             at over a quarter of the latest steps a     `early_watch.arrives_early`      (M525)
                     loud path is shorter than the line of
                     sight to the one place believed in
+                    (of a network: can be of no anchor)      `early_watch.no_anchors`         (M532)
 `UNSIGHTED`         lines of sight were heard at fewer than 10  `signal_watch.assess_particles`  section 15
                     steps and half of all, and one is believed,
                     or features were learned (hybrid SLAM)

@@ -25,6 +25,9 @@ CALLED = 4.26
 """Deviations beyond which innovations are called too large: 1 step in 100 000 by chance; runs are long."""
 UNCHECKED_M = 0.3
 """Standard deviation of the position from which on somebody has to tell whether it is the right place."""
+BLIND_M, SEEN = 0.5, 0.9
+"""Standard deviation beyond which reflections alone may lead to another place, so far off as counts as wrong;
+existence of a line of sight that tells."""
 LISTENED = 2.0
 """Steps of listening to an anchor, with forgetting, from which on its clutter is judged."""
 MOST_LOUD = 30
@@ -68,6 +71,10 @@ class HealthMonitor:
         How far from where its motion led a trusted agent was found (m), and steps since; (M512).
     since_well : int
         Steps since health was well.
+    blind_m : float
+        Largest standard deviation of the position since a line of sight was seen, m; (M533).
+    early : float
+        Of an agent of a network: share of the latest steps at which a path arrived before any line of sight.
     """
 
     misfit: float = 0.0
@@ -85,6 +92,8 @@ class HealthMonitor:
     leap_m: float = field(default=0.0, metadata={"later": True})
     since_leap: int = field(default=1_000_000, metadata={"later": True})
     since_well: int = field(default=1_000_000, metadata={"later": True})
+    blind_m: float = field(default=0.0, metadata={"later": True})
+    early: float = field(default=0.0, metadata={"later": True})
 
     def begun(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
@@ -127,6 +136,11 @@ class HealthMonitor:
         if count < ENOUGH:  # too few to tell: in the end it counts as followed again
             return replace(self, lost=max(self.lost - 1, 0)) if count else self
         return replace(self, near=self.near + SLOW * (near / count - self.near), lost=0)
+
+    def sighted(self, spread_m: float, sights: Array) -> Self:
+        """Take in how well the position is known, and existences of lines of sight (J,), after a step."""
+        blind = 0.0 if (sights > SEEN).any() else max(self.blind_m, spread_m)
+        return self if blind == self.blind_m else replace(self, blind_m=blind)
 
     def found_again(self) -> Self:
         """The agent was found by other means than following it."""
@@ -185,6 +199,8 @@ class HealthMonitor:
             found.append(reasons.vague(spread_m))
         elif spread_m > UNCHECKED_M and self.loud < ENOUGH:
             found.append(reasons.unchecked(spread_m))
+        elif self.blind_m > BLIND_M:
+            found.append(reasons.blind(self.blind_m))
         found += self.look.reasons()
         if self.since < AFRESH:
             found.append(reasons.found_again(self.since))

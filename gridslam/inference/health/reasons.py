@@ -38,6 +38,11 @@ def unchecked(spread_m: float) -> str:
     return f"position known to {spread_m:.1f} m, and what is heard is too faint to check it"
 
 
+def blind(metres: float) -> str:
+    """Standard deviation at worst since a line of sight was heard; reflections have narrowed it since."""
+    return f"no line of sight since its position was known to {metres:.1f} m: reflections may have misled it"
+
+
 def found_again(steps: int) -> str:
     """The agent was lost, and found by other means than following it."""
     return f"agent found again {steps} steps ago"

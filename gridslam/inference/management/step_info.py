@@ -105,6 +105,7 @@ def conclude(
     covariance = with_turn(state, model).belief.covariance
     spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
+    monitor = monitor.sighted(spread, state.los)  # (M533)
     health, monitor = monitor.assess(calibration, calibration_used.turned, model, spread, effective)
     found_again = monitor.since == 0
     state = replace(state, calibration=calibration, monitor=monitor, step=state.step + 1)

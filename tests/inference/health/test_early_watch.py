@@ -58,3 +58,14 @@ def test_health_says_at_what_share_of_the_latest_steps(followed, tmp_path):
     write_checkpoint(followed, tmp_path / "b.h5")
     with pytest.raises(gs.InputError, match="early"):
         gs.AdaptiveSlam.resume(tmp_path / "b.h5")
+
+
+def test_a_line_of_sight_ends_what_is_said_of_reflections_alone(followed):
+    state = followed.state
+    blind = replace(state, monitor=replace(state.monitor, blind_m=0.8))
+    for los, said in ((np.zeros_like(state.los), True), (state.los, False)):
+        believed = replace(followed.population, states=(replace(blind, los=los),))
+        followed.now = followed.now._replace(believed=believed)
+        scan = HEARD.scan(8 if said else 9)
+        health = followed.step(replace(scan, amplitude=0.0 * scan.amplitude + 1e-3) if said else scan).health
+        assert (reasons.blind(0.8) in health.why) == said

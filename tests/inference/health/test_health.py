@@ -17,7 +17,8 @@ from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
-from gridslam.inference.health.monitor import HealthMonitor, innovation_band
+from gridslam.inference.health import reasons
+from gridslam.inference.health.monitor import BLIND_M, HealthMonitor, innovation_band
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
 from gridslam.kernels.primitives import tables
@@ -299,3 +300,18 @@ def test_surfaces_that_are_dropped_for_want_of_room_are_told(walls, sure, left_o
     model = model_of(anchors=[[0.0, 0.0, 0.0]])
     health, _ = after.monitor.assess(after.calibration, np.zeros(1), model, 0.1, 100.0)
     assert ("want of room" in health.why) == (left_out > 0)
+
+
+def test_where_reflections_alone_narrowed_a_vague_place_health_says_so_until_a_line_of_sight():
+    """Walls that are placed from a vague pose fit it: a wrong place is then known as well as a right one."""
+    model, none, hidden, seen = model_of(), np.zeros(2), np.array([0.2, 0.9]), np.array([0.2, 0.99])
+    calibration = Calibration.start(2)
+
+    def said(monitor, spread):
+        return monitor.assess(calibration, none, model, spread, np.inf)[0].why
+
+    vague = HealthMonitor(loud=9.0, explained=9.0).sighted(0.1, seen).sighted(BLIND_M + 0.1, hidden)
+    narrow = vague.sighted(0.05, hidden)
+    assert said(narrow, 0.05) == reasons.blind(BLIND_M + 0.1)
+    assert not said(narrow.sighted(0.05, seen), 0.05)
+    assert not said(HealthMonitor(loud=9.0, explained=9.0).sighted(BLIND_M, hidden), 0.05)

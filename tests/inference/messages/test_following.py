@@ -1,11 +1,14 @@
 """Where an agent is moved by more than it can have gone, and ways that it may have gone."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from gridslam.inference.messages.features import lessons
 from gridslam.inference.messages.features.following import leapt
+from gridslam.inference.messages.features.lessons import BESIDE, Learned, take_up
 from gridslam.inference.messages.features.ways import SPEEDS, apart, straight_ways
 from gridslam.inference.state.features.features import FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
@@ -29,6 +32,17 @@ def test_an_agent_leaps_by_half_a_metre_and_five_deviations(far_m, deviation_m, 
     assert (found.leap_m, found.since_leap) == (
         (pytest.approx(far_m), -1) if said else (0.0, state.since_leap)
     )
+
+
+def test_who_is_moved_by_a_lesson_is_said_to_have_been_moved_just_now(monkeypatch):
+    """The step is counted by then: one step ago is the next, and "-1 steps ago" was said."""
+    before, after = belief(1.0, 0.1), belief(2.0, 0.02)
+    lesson = HybridState(before, before, Segment.empty(1, 4, 8), step=30)
+    state = replace(lesson, lesson=lesson, step=30 + BESIDE)
+    monkeypatch.setattr(lessons, "replay", lambda joint, *_, **__: (joint, np.zeros(0), np.zeros((0, 4))))
+    beside = SimpleNamespace(result=lambda *_: (replace(lesson, joint=after), Learned()))
+    moved, _ = take_up(state, beside, None, None)
+    assert (moved.leap_m, moved.since_leap) == (pytest.approx(1.0), 0)
 
 
 def test_straight_ways_lead_from_the_start_at_likely_speeds_and_apart():

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.layout import AGENT
+from gridslam.inference.health.early_watch import EARLY
 from gridslam.inference.health.monitor import MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import (
     COPIES,
@@ -127,7 +128,8 @@ def _recovered(
     count, near = int(np.count_nonzero(anchor_scan.loud)), near_paths([anchor_scan], part, model)
     if part.monitor.is_lost(count, near):
         near = near_any_path([anchor_scan], part, model, work=work)
-    vague, lost = is_vague(part.belief), part.monitor.is_lost(count, near)
+    vague = is_vague(part.belief)
+    lost = part.monitor.is_lost(count, near) or part.monitor.early > EARLY  # (M532)
     if not lost:
         part = replace(part, monitor=part.monitor.followed(count, near))
         if not vague:

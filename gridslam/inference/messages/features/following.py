@@ -98,14 +98,20 @@ def follow_jointly(state: HybridState, got: Snapshot, model: SignalModel) -> tup
     return leapt(replace(state, joint=joint), state.joint, joint), moments
 
 
-def leapt(state: HybridState, before: JointBelief, after: JointBelief) -> HybridState:
-    """The state with how far its agent was moved, if that was farther than it can have moved, (M529)."""
+def leapt(state: HybridState, before: JointBelief, after: JointBelief, since: int = -1) -> HybridState:
+    """The state with how far its agent was moved, if that was farther than it can have moved, (M529).
+
+    Parameters
+    ----------
+    since : int
+        Steps since then: -1 within a step that is yet to be `counted`.
+    """
     shift = after.mean[:2] - before.mean[:2]
     squared = float(shift @ np.linalg.solve(before.agent_covariance[:2, :2], shift))
     far = float(np.hypot(*shift))
     if far < LEAP_M or squared < LEAP**2:
         return state
-    return replace(state, leap_m=far, since_leap=-1)
+    return replace(state, leap_m=far, since_leap=since)
 
 
 def remember(state: HybridState, got: Snapshot, moments: Moments) -> HybridState:

@@ -72,7 +72,7 @@ def take_up(
     joint, evidence, track = replay(after.joint, since, lesson.time_s, lesson.step, model, led=False)
     since = replace(since, agent=track, evidence=evidence)
     if state.particles is None:
-        state = leapt(state, state.joint, joint)
+        state = leapt(state, state.joint, joint, since=0)
     collected = after.segment  # of particles the segment goes on, else it began anew
     return replace(
         state, joint=joint, before=after.before, before_s=after.before_s, segment=collected.joined(since),
