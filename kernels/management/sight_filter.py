@@ -64,17 +64,20 @@ def moved(sights: ti.template(), particle: ti.template(), half, s, p):
 def in_view(sights: ti.template(), a, x, y):
     """Whether no wall stands between an anchor and (x, y)."""
     px, py = sights.anchor[a, X], sights.anchor[a, Y]
-    dx, dy, clear = x - px, y - py, True
-    for w in range(sights.wall.shape[0]):
-        if clear:
-            fx, fy = sights.wall[w, 0] - px, sights.wall[w, 1] - py
-            ex, ey = sights.wall[w, 2] - sights.wall[w, 0], sights.wall[w, 3] - sights.wall[w, 1]
-            across = dx * ey - dy * ex
-            way = ti.select(across < 0, -1.0, 1.0)
-            # where they cross, in shares of the leg and of the wall, times `whole`
-            whole, here, along = way * across, way * (fx * ey - fy * ex), way * (fx * dy - fy * dx)
-            inside = here > GRAZE * whole and here < whole - GRAZE * whole
-            clear = not (inside and along >= 0 and along <= whole)
+    dx, dy, clear, w = x - px, y - py, True, 0
+    while clear and w < sights.wall.shape[0]:
+        fx, fy = sights.wall[w, 0] - px, sights.wall[w, 1] - py
+        ex, ey = sights.wall[w, 2] - sights.wall[w, 0], sights.wall[w, 3] - sights.wall[w, 1]
+        across = dx * ey - dy * ex
+        way = ti.select(across < 0, -1.0, 1.0)
+        whole, here = (
+            way * across,
+            way * (fx * ey - fy * ex),
+        )  # where they cross, in shares of the leg, times it
+        if here > GRAZE * whole and here < whole - GRAZE * whole:
+            along = way * (fx * dy - fy * dx)  # the same in shares of the wall
+            clear = along < 0 or along > whole
+        w += 1
     return clear
 
 
