@@ -43,9 +43,10 @@ def flag(name: str, meaning: str = "", **more: Any) -> Any:
 
 
 def map_in(path: Path | None) -> Path | None:
-    """A map's file; a run's folder stands for the map in it."""
-    inside = path / "map.h5" if path is not None else None
-    return inside if inside is not None and inside.is_file() else path
+    """A map's file, see `map_files.file_of`."""
+    from gridslam.maps.map_files import file_of
+
+    return file_of(path) if path is not None else None
 
 
 def unpacked(command: Callable[..., None]) -> Callable[..., None]:

@@ -105,13 +105,14 @@ class Map(MapCells):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
-        """Read a map written by `save`.
+        """Read a map written by `save`, or that of a run by the run's folder.
 
         Raises
         ------
         InputError
             No such file, another format or version, or damaged.
         """
+        path = map_files.file_of(path)
         fields = map_files.read_map(path)
         try:
             return cls(**fields)

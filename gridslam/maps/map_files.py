@@ -300,6 +300,12 @@ def _csv(path: Path, names: str, rows: np.ndarray) -> None:
     write_bytes(path, buffer.getvalue().replace("nan", "").encode("ascii"))
 
 
+def file_of(path: str | os.PathLike[str]) -> Path:
+    """A map's file; a run's folder stands for the map in it."""
+    inside = Path(path) / "map.h5"
+    return inside if inside.is_file() else Path(path)
+
+
 def folder_of(directory: str | os.PathLike[str]) -> Path:
     """A folder, made if need be.
 

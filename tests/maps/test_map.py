@@ -87,6 +87,7 @@ def test_saved_map_loads_back_equal(tmp_path_factory, seed, shape):
 def test_map_without_surfaces_or_hits_loads_back(tmp_path):
     Map.blank((0, 0), 0.1, (3, 2), 0.01).save(tmp_path / "map.h5")
     assert_same(Map.load(tmp_path / "map.h5"), Map.blank((0, 0), 0.1, (3, 2), 0.01))
+    assert_same(Map.load(tmp_path), Map.load(tmp_path / "map.h5"))  # the folder of a run
 
 
 def test_file_follows_the_contract_and_is_the_same_each_time(tmp_path):
