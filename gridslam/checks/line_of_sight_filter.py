@@ -154,6 +154,7 @@ def explain(
     step_of, anchor = columns["step"][row], columns["anchor"][row]
     least = LEAST_SEEN_THOROUGH if thorough else LEAST_SEEN
     clear = in_view(scene.anchor_positions[anchor], places[np.unique(step_of, return_inverse=True)[1]], walls)
+    # all, if walls leave too few in sight for the others not to be judged
     judged = clear if clear.sum() >= max(least * len(clear), 1) else np.ones(len(anchor), dtype=bool)
     shares = [
         chance[judged & (anchor == number)].mean() if (judged & (anchor == number)).any() else np.nan

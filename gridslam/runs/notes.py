@@ -150,7 +150,8 @@ def lost_makers(map_file: Path | None) -> list[str]:
         if (folder / "run.json").is_file():
             with suppress(InputError):  # a map is read, whatever lies beside it
                 notes = [str(note) for note in read_summary(folder).get("notes") or ()]
-                lost = [note for note in notes if ": lost: " in note and note.startswith(agent)]
+                whose = f"{agent}: " if agent else ""
+                lost = [note for note in notes if ": lost: " in note and note.startswith(whose)]
                 return [
                     f"{map_file}: by its run's notes, {note}: map it again, or go on from another"
                     for note in lost

@@ -166,5 +166,6 @@ def test_maps_of_lost_agents_are_known_by_the_run_that_they_lie_in(tmp_path):
     assert note == f"{tmp_path / 'map.h5'}: by its run's notes, {LOST}: map it again, or go on from another"
     assert len(lost_makers(tmp_path / "agent1" / "map.h5")) == 1
     assert lost_makers(tmp_path / "agent2" / "map.h5") == []
+    assert lost_makers(tmp_path / "agent" / "map.h5") == [], "another, whose name begins alike"
     (tmp_path / "run.json").write_text("{")
     assert lost_makers(tmp_path / "map.h5") == []

@@ -99,14 +99,6 @@ class Gaps(NamedTuple):
         return self.total - float(2 * self.vector @ errors - errors @ self.information @ errors)
 
 
-def summed(steps: Sequence[Gaps]) -> Gaps:
-    """What several steps say together."""
-    return Gaps(
-        np.sum([step.information for step in steps], 0), np.sum([step.vector for step in steps], 0),
-        sum(step.total for step in steps), sum(step.numbers for step in steps),
-    )  # fmt: skip
-
-
 class Thing(NamedTuple):
     """Something that may be wrong.
 
