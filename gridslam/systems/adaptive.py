@@ -22,6 +22,7 @@ from gridslam.inference.messages.elevations import weigh_births, weigh_elevation
 from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.mirrors import drop_no_mirrors, weigh_departures
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
     start_amplitudes,
@@ -81,6 +82,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state, exchange = representation.update_surfaces_and_agent(  # V-B, 4 to 6 and 8
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
+        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         state = update_amplitudes(  # eq. (26)
@@ -94,6 +96,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     state = learn_surface_walks(recalled, state)  # (M361)
+    state = drop_no_mirrors(state, model)  # (M517)
     state = spare_unseen(recalled, state, model)  # (M495)
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs

@@ -23,6 +23,7 @@ from gridslam.inference.messages.elevations import weigh_births, weigh_elevation
 from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.mirrors import drop_no_mirrors, weigh_departures
 from gridslam.inference.messages.reflection import reflected, update_coefficients
 from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
@@ -86,6 +87,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state, exchange = representation.update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
+        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
@@ -98,6 +100,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = update_coefficients(state, drawn, model, work=work)  # (M42)
     state = update_cells(state, work=work)  # eq. (46)
     state = learn_surface_walks(recalled, state)  # (M361)
+    state = drop_no_mirrors(state, model)  # (M517)
     state = spare_unseen(recalled, state, model)  # (M495)
     state = doubt_passed(recalled, state, model)  # (M502)
     state = merge_and_prune(

@@ -15,6 +15,7 @@ from gridslam.inference.beliefs.layout import AGENT, StateLayout
 from gridslam.inference.health.range_fits import errors_of
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.health.sight_watch import SightWatch
+from gridslam.inference.messages.mirrors import MOST_CORNERS
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
 from gridslam.inference.scans.anchor_measurements import LEAST_STD
@@ -133,6 +134,7 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
         ("calibration/listened", _within(calibration.listened, 0, np.inf), "0 or more"),
         ("los", _within(state.los, 0, 1), "probabilities"),
         ("turn_variance", _within(np.array(state.turn_variance or 0.0), 0, np.inf), "0 or more, or none"),
+        ("corners", _within(state.corners[:, 0], 0, model.senders - 1), "anchors' numbers"),
         ("turn_anchor", 0 <= state.turn_anchor < model.senders, "the number of an anchor"),
         *_claims_of_parts(state, model),
     ]  # fmt: skip
@@ -153,6 +155,7 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         yield "sight_nats", state.sight_nats.shape, (model.senders,)
     for name in ("clutter", "listened", "turn", "turn_weight"):
         yield f"calibration/{name}", getattr(state.calibration, name).shape, (model.senders,)
+    yield "corners", state.corners.shape, (min(len(state.corners), MOST_CORNERS), 3)
     yield from shapes_of_bank(state.surfaces, "surfaces", anchors)
     if state.parked is not None:
         yield "parked/cross", state.parked.cross.shape, (len(state.parked.mean), size)
@@ -215,6 +218,7 @@ def shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tuple
     whole: dict[str, Shape] = {
         "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (anchors, surfaces),
         "double": (anchors, surfaces, surfaces), "walk": (surfaces, 2), "outermost": (surfaces, 8),
+        "departures": (surfaces, 2),
     }  # fmt: skip
     for field in fields(bank):
         found = getattr(bank, field.name).shape
@@ -230,6 +234,7 @@ def claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[str
         (f"{name}/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
         (f"{name}/age", _within(bank.age, 0, np.inf), "0 or more"),
         (f"{name}/seen", _within(bank.seen, 0, np.inf), "0 or more"),
+        (f"{name}/departures", _within(bank.departures[:, 0], 0, np.inf), "0 or more"),
         (f"{name}/walk", _within(bank.walk, LEAST, np.log(max(WIDEST))), "-0.5 to 4.61"),
         (f"{name}/reflection", _sums_to_one(bank.reflection), "probabilities"),
         *((f"{name}/{part}", _within(getattr(bank, part), 0, 1), "probabilities")

@@ -20,10 +20,12 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import level_of, unit, wrap
 from gridslam.world.radio import RadioModel
 
-KNOWN_M = 0.1
+KNOWN_M = 0.03
 """Standard deviation of the position (both axes) up to which a birth moves the agent by little."""
 LEAST_ODDS = 1.0
 """Nats by which departures have to speak for a mirror."""
+SURE = 4.0
+"""The same where a surface wasn't a mirror: the mean of many departures tells that, and no single one."""
 CORNERS = 0.5
 """Of double bounces, how many come from right angles; the others depart in any direction."""
 REACH, SLACK_M = 3.0, 0.1
@@ -36,24 +38,45 @@ POSE = np.array([0, 1, HEADING])
 def put_off_double_bounces(
     births: Births, state: State, scan: AnchorScan, radio: RadioModel, model: FilterModel
 ) -> Births:
-    """The births without single bounces that may well be double ones, while the position is vague.
+    """The births without single bounces that may well be double ones: while the position is vague, and from
+    where a surface was taken for a mirror that isn't one.
 
     Their measurements stay as new as they were: something unknown sent them, and they are left over. Where
     clocks are unknown, (M491) judges births instead.
     """
     x, y = state.belief.covariance.diagonal()[:2].tolist()
-    if not len(births) or model.max_bounces < 2 or state.belief.clocks or x + y <= KNOWN_M**2:
+    vague = x + y > KNOWN_M**2
+    if not len(births) or model.max_bounces < 2 or state.belief.clocks or not (vague or len(state.corners)):
         return births
     alone = (births.hit < 0).all(1) & np.isfinite(scan.value[births.measurement, 1])
     if not alone.any():
         return births
-    odds: dict[tuple[int, int], float] = {}
-    for m, anchor in zip(births.measurement[alone].tolist(), births.anchor[alone].tolist(), strict=True):
-        odds[m, anchor] = mirror_odds(m, anchor, state, scan, radio, model)
-    pairs = zip(births.measurement.tolist(), births.anchor.tolist(), strict=True)
-    doubtful = [odds.get(pair, LEAST_ODDS) < LEAST_ODDS for pair in pairs]
+    pairs = list(zip(births.measurement.tolist(), births.anchor.tolist(), strict=True))
+    least = dict.fromkeys((pair for pair, one in zip(pairs, alone, strict=True) if one and vague), LEAST_ODDS)
+    least |= dict.fromkeys(_over_corners(births.take(np.flatnonzero(alone)), state, scan, radio, model), SURE)
+    odds = {pair: mirror_odds(*pair, state, scan, radio, model) for pair in least}
+    doubtful = [pair in least and odds[pair] < least[pair] for pair in pairs]
     keep = np.flatnonzero(~(alone & np.array(doubtful)))
     return births if len(keep) == len(births) else births.take(keep)
+
+
+def _over_corners(
+    births: Births, state: State, scan: AnchorScan, radio: RadioModel, model: FilterModel
+) -> list[tuple[int, int]]:
+    """Measurements and anchors of births (B,) from where paths are known to come over corners; (M517)."""
+    if not len(state.corners) or not len(births):
+        return []
+    m, anchor, belief = births.measurement.astype(np.intp), births.anchor, state.belief
+    level = np.where(np.isnan(scan.amplitude[m]), radio.threshold, scan.amplitude[m])
+    std = deviations(scan, m, level, scan.value[m, 1:], radio)
+    std[:, 2] = np.hypot(std[:, 2], np.sqrt(belief.covariance[HEADING, HEADING]))
+    pose = np.broadcast_to(belief.mean[POSE], (len(m), len(POSE)))
+    image, shape = _images(pose, scan.value[m], std, model.places[anchor, 3])
+    gap = image[:, None] - state.corners[:, 1:]
+    certain = np.linalg.inv(shape + belief.covariance[:2, :2] + SLACK_M**2 * np.eye(2))
+    near = np.einsum("bki,bij,bkj->bk", gap, certain, gap) < REACH**2
+    known = (near & (anchor[:, None] == state.corners[:, 0])).any(1)
+    return list(zip(m[known].tolist(), anchor[known].tolist(), strict=True))
 
 
 def mirror_odds(
@@ -118,7 +141,7 @@ def _alike(
     return poses[chosen], values[chosen], stds[chosen]
 
 
-def _images(pose: Array, value: Array, std: Array, height: float) -> tuple[Array, Array]:
+def _images(pose: Array, value: Array, std: Array, height: Array | float) -> tuple[Array, Array]:
     """Where measurements (K, 3) seem to come from, (K, 2), and covariances without the pose's."""
     length, arriving = np.maximum(level_of(value[:, 0], height), NEAR_M), pose[:, 2] + value[:, 2]
     axes = np.stack([unit(arriving), unit(arriving + 0.5 * np.pi)], axis=1)

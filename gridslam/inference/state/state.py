@@ -29,6 +29,11 @@ FRESH_OVER = 0.3
 """The same over floor or ceiling: less, so that an agent is placed by what is surer."""
 
 
+def _no_corners() -> Array:
+    """Of a state that knows none."""
+    return np.zeros((0, 3))
+
+
 def prior_belief(model: FilterModel) -> Belief:
     """The agent's prior, and that of heights which aren't known, as if they were as told."""
     rises = len(model.rise_variance)
@@ -83,6 +88,8 @@ class State:
         About which.
     sight_nats : (J,), optional
         While it is held out for want of another anchor's line of sight: how much speaks for one by now.
+    corners : (K, 3)
+        Anchors, and from where (m) what they send over corners arrives as if off one wall that isn't there.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
     """
@@ -109,6 +116,7 @@ class State:
     turn_variance: float | None = field(default=None, metadata={"later": True})
     turn_anchor: int = field(default=0, metadata={"later": True})
     sight_nats: Array | None = field(default=None, metadata={"later": True})
+    corners: Array = field(default_factory=_no_corners, metadata={"later": True})
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:

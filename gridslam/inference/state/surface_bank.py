@@ -37,6 +37,11 @@ def _not_known(values: dict[str, Any]) -> Array:
     return np.full((values["identity"].size, 8), np.nan)
 
 
+def _none_weighed(values: dict[str, Any]) -> Array:
+    """The departures of an earlier version's surfaces, which it didn't weigh, (S, 2)."""
+    return np.zeros((values["identity"].size, 2))
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceBank:
     """Potential surfaces, aligned with the lines in a `Belief`.
@@ -67,6 +72,9 @@ class SurfaceBank:
     walk : (S, 2) float64
         Log of how many times as far as a flat wall's line each shifts, and turns, from step to step; where it
         is below 0, as far.
+    departures : (S, 2) float64
+        Of all departures of single bounces so far: weight (1/rad^2), and by how much they missed those of a
+        mirror there, each times its weight (1/rad); see `messages.departures`.
     """
 
     identity: NDArray[np.int64]
@@ -81,6 +89,7 @@ class SurfaceBank:
     owner: NDArray[np.int64]
     walk: Array = field(metadata={"later": _flat})
     outermost: Array = field(metadata={"later": _not_known, "blank": True})
+    departures: Array = field(metadata={"later": _none_weighed})
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -104,7 +113,7 @@ class SurfaceBank:
         return cls(
             whole, none, np.zeros((0, BINS)), none.copy(), whole.copy(), np.zeros((anchors, 0)),
             np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(), np.zeros((0, 2)),
-            np.zeros((0, 8)),
+            np.zeros((0, 8)), np.zeros((0, 2)),
         )  # fmt: skip
 
     @property
@@ -165,6 +174,7 @@ class SurfaceBank:
             _longer(self.owner, owner),
             _longer(self.walk, 0.0),
             _longer(self.outermost, np.nan),
+            _longer(self.departures, 0.0),
         )
 
 

@@ -78,7 +78,7 @@ def births_of(*hits):
 
 
 @pytest.mark.parametrize(
-    ("variance", "bounces", "kept"), [(0.02, 2, [1, 2]), (0.02, 1, [0, 1, 2, 3]), (0.004, 2, [0, 1, 2, 3])]
+    ("variance", "bounces", "kept"), [(0.02, 2, [1, 2]), (0.02, 1, [0, 1, 2, 3]), (0.0004, 2, [0, 1, 2, 3])]
 )
 def test_what_waits(variance, bounces, kept):
     """Single bounces that depart as over a corner, while the position is vague; none without a departure."""

@@ -17,6 +17,7 @@ from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.amplitudes import detection_table
+from gridslam.inference.messages.mirrors import unweighed
 from gridslam.inference.messages.path_prediction import predict_every_path
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_of
 from gridslam.inference.state.state import State
@@ -75,7 +76,7 @@ def recover_pose(
     monitor = state.monitor.found_again() if lost else state.monitor
     monitor = monitor.leapt(leap(belief, fix.pose, blurred(fix.covariance)))
     after = moved(belief, fix, float(model.start_variance[2]))
-    state = replace(state, monitor=monitor)
+    state = replace(unweighed(state) if lost else state, monitor=monitor)
     if state.parked is not None and not after.covariance[:AGENT, AGENT:].any():  # put elsewhere
         return replace(state, belief=after, parked=state.parked.unlinked())
     return state.believing(after, belief)
