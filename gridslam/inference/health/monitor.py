@@ -75,6 +75,8 @@ class HealthMonitor:
         Largest standard deviation of the position since a line of sight was seen, m; (M533).
     early : float
         Of an agent of a network: share of the latest steps at which a path arrived before any line of sight.
+    trial : int
+        Steps for which this place, put up against one that is called wrong, isn't given up.
     """
 
     misfit: float = 0.0
@@ -94,6 +96,7 @@ class HealthMonitor:
     since_well: int = field(default=1_000_000, metadata={"later": True})
     blind_m: float = field(default=0.0, metadata={"later": True})
     early: float = field(default=0.0, metadata={"later": True})
+    trial: int = field(default=0, metadata={"later": True})
 
     def begun(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
@@ -109,6 +112,7 @@ class HealthMonitor:
             since_well=self.since_well + 1,
             crowd=0,
             dropped=0,
+            trial=max(self.trial - 1, 0),
         )
 
     def fitted(self, fits: Array) -> Self:

@@ -47,6 +47,8 @@ WITHOUT_AMPLITUDE = 0.6
 """Of a loud measurement, what one without amplitude counts for that isn't clutter."""
 HERE_M, HERE_RAD = 0.1, 0.1
 """What is nearer to where the agent is believed to be is no other place."""
+TRIAL = 20
+"""Steps that a challenger of a place that is called wrong has to map what is heard."""
 PURPOSE, PURPOSE_OF_LEAD = 4, 5
 """Names of the streams of random numbers."""
 
@@ -176,8 +178,20 @@ def challenged(
     rivals = [_leapt(rivals[k], population.states, scan, model) for k in np.flatnonzero(~here)]
     if not rivals:
         return population
+    if population.watch.against():
+        rivals = [replace(rival, monitor=replace(rival.monitor, trial=TRIAL)) for rival in rivals]
     log = [*population.log_weight, *[population.log_weight[0] - HANDICAP] * len(rivals)]
     return population.having([*population.states, *rivals], log, population.guard)
+
+
+def on_trial(log_weight: Array, states: Sequence[State]) -> Array:
+    """Log weights (K,), of which those of places on trial fall no further behind than they began; (M539).
+
+    A place that is called wrong has had all the time to map what is heard there, wherever it is.
+    """
+    least = float(log_weight.max()) - HANDICAP
+    trials = np.array([state.monitor.trial > 0 for state in states])
+    return np.where(trials, np.maximum(log_weight, least), log_weight)
 
 
 def _leapt(rival: State, states: Sequence[State], scan: Scan, model: FilterModel) -> State:

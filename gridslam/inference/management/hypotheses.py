@@ -18,7 +18,13 @@ from gridslam.inference.health.monitor import most_turned
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.health.sight_watch import SightWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
-from gridslam.inference.management.challenge import HANDICAP, challenged, snapshot_of, watched
+from gridslam.inference.management.challenge import (
+    HANDICAP,
+    challenged,
+    on_trial,
+    snapshot_of,
+    watched,
+)
 from gridslam.inference.management.jolts import Step, stepped
 from gridslam.inference.management.mixture import CAP, reduce, together
 from gridslam.inference.management.poses.pose_fix import known_sources
@@ -233,6 +239,8 @@ def _stepped(
         return population, _judged(population, info, model)
     evidence = [comparable(i, s, model) for i, s in zip(infos, after, strict=True)]
     log = np.array(population.log_weight) + evidence
+    if population.watch.against():
+        log = on_trial(log, after)
     likeliest = int(np.argmax(log))
     population = population.having(after, log, population.guard, since=since)
     population = watched(reduce(population, model), lambda: evidence[likeliest], scan, model, work)

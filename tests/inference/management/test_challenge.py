@@ -27,11 +27,14 @@ from gridslam.inference.health.reasons import UNPROVEN
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.challenge import (
     EVERY,
+    HANDICAP,
+    TRIAL,
     WITHOUT_AMPLITUDE,
     best_snapshot,
     challenged,
     leading,
     loud_of,
+    on_trial,
     snapshot_of,
     watched,
 )
@@ -41,6 +44,7 @@ from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.grid import GridSlam, start
+from gridslam.world.start import Start
 
 NAMES = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
 
@@ -196,6 +200,39 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     off = np.linalg.norm(after.state.belief.mean[:2] - track.position_m[30])
     assert off < 0.15
     assert len(after.state.surfaces) >= 4
+
+
+def test_places_on_trial_fall_no_further_behind_than_they_began(mapped):
+    state = mapped[0].state
+    tried = replace(state, monitor=replace(state.monitor, trial=1))
+    log = on_trial(np.array([-3.0, -50.0, -4.0, -60.0]), [state, tried, tried, state])
+    assert log.tolist() == [-3.0, -3.0 - HANDICAP, -4.0, -60.0]
+    assert tried.monitor.begun(5).trial == 0 == state.monitor.begun(5).trial
+    called = Population((moved(state, (2.0, 1.0), 1.0),), watch=Doubt(doubtful=DOUBT_STEPS))
+    for watch, steps in [(called.watch, 0), (replace(called.watch, elsewhere=ELSEWHERE + 1), TRIAL)]:
+        model, work = mapped[0].model, mapped[0].work
+        scan = next(iter(gs.simulate(shortened(gs.Scene.load("room"), 31), "agent1", seed=2)))
+        several = challenged(replace(called, watch=watch), scan, start(model), model, work)
+        assert len(several) > 1
+        assert {one.monitor.trial for one in several.states[1:]} == {steps}
+
+
+@pytest.mark.slow
+def test_a_world_that_was_mapped_from_a_wrong_place_is_left_once_lines_of_sight_are_heard():
+    """Told starts 3.5 m wrong in `pillars`, four ways, and heard no line of sight for 25 steps."""
+    scene = shortened(gs.Scene.load("pillars"), 42)
+    radio = scene.radio.model_copy(update={"snr_at_1m_db": 40.0})
+    scene = scene.model_copy(update={"radio": radio})
+    track = scene.track("agent1")
+    for seed in range(4):
+        heard, label = simulate_labelled(scene, "agent1", seed)
+        straight = (label >= 0) & (true_paths(scene, "agent1").bounces[label] == 0) & (heard.step < 25)
+        told = {name: getattr(heard, name)[~straight] for name in ("step", "time_s", *NAMES)}
+        way = 3.5 * np.array([np.cos(seed * np.pi / 4), np.sin(seed * np.pi / 4)])
+        begins = Start(track.position_m[0] + way, float(track.heading_rad[0]))
+        run = gs.map_scene(scene, replace(heard, **told), seed=seed, start=begins)
+        off = np.linalg.norm(run.trajectory.position_m[38:] - track.position_m[38:], axis=1)
+        assert off.max() < 0.3, seed
 
 
 def test_a_list_that_lacks_places_challenges_only_what_is_called_wrong(mapped):
