@@ -138,7 +138,7 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
             departs = any(len(element) > 1 for element in self.waveform.anchor_element_m)
             told = departs or self.model.senders > 1 or scan.heading_rad is not None
             believed = turn_followed(believed, told, self.model)
-        return advance(believed, scan, self.model, self.work, self.advance)
+        return advance(believed, scan, self.model, self.work, self.start, self.advance)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

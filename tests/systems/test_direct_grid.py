@@ -231,3 +231,26 @@ def test_a_line_of_sight_that_is_hidden_holds_nobody():
         squares.append(off @ np.linalg.solve(estimate.covariance[:2, :2], off))
     # but for one run in which the reflection is as loud as the line of sight would be
     assert np.count_nonzero(np.array(squares) < 4) >= 5
+
+
+@pytest.mark.slow
+def test_noise_alone_tells_nobody_where_he_is():
+    """Paths that aren't expected and are known to half a metre settled on noise, and counted as heard: after
+    ten steps the agent was believed to be to 0.27 m, a metre off."""
+    data = with_arrays(snr_at_1m_db=40.0).model_dump(exclude_none=True)
+    data["agents"][0]["prior"] = {"position_m": 0.5, "heading_deg": 10.0}
+    scene = gs.Scene.checked(data, "silence")
+    recording = gs.simulate(scene, "agent1", seed=1, what="signal")
+    shifts = []
+    for seed in range(3):
+        draw = np.random.default_rng(seed)
+        slam = gs.DirectGridSlam(scene, seed=seed, waveform=recording.waveform)
+        for number in range(12):
+            scan = recording.scan(number)
+            noise = draw.standard_normal((2, *scan.samples.shape))
+            estimate = slam.step(replace(scan, samples=noise[0] + 1j * noise[1]))
+        belief = slam.state.belief
+        assert np.sqrt(np.trace(estimate.covariance[:2, :2])) > 0.35
+        shift = belief.mean[:2] - scene.filter_model("agent1").start_mean[:2]
+        shifts.append(float(np.linalg.norm(shift)))
+    assert max(shifts) < 0.4

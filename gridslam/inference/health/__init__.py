@@ -13,8 +13,8 @@ reason              said when                                   by              
                     clutter
 `blind`             the position was known to 0.5 m or worse `monitor.HealthMonitor.assess`   (M533)
                     since the latest line of sight
-`found_again`       pose recovery moved the agent 0 to 4 steps  `monitor.HealthMonitor.assess`   section 9
-                    ago
+`found_again`       pose recovery (direct grid SLAM: (M522))    `monitor.HealthMonitor.assess`   section 9
+                    moved the agent 0 to 4 steps ago
 `leapt`             up to 99 steps ago it was moved to where  `monitor.HealthMonitor.assess`   (M512)
                     no motion may have led
 `few_explained`     half as many loud measurements as usual     `monitor.HealthMonitor.assess`   section 9
@@ -52,6 +52,7 @@ reason              said when                                   by              
 `fresh_start`       the lead over a start anew is below 4 nats  `doubt.Doubt.against`            (M206)
 `elsewhere`         scans alone fit another place better        `doubt.Doubt.against`            (M253),
                                                                                  (M471)
+                    (direct grid SLAM: paths in samples)        `doubt.Doubt.against`            (M522)
                     two lines of sight or more put an agent `fresh_look.FreshLook`           (M492)
                     of a network elsewhere, three times
 `UNPROVEN`          a start was taken from a list that lacks    `doubt.Doubt.tried`              (M392)

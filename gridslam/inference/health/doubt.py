@@ -124,9 +124,18 @@ class Doubt:
         if due:
             lead = KEEP * self.lead + rival * (evidence - best)
             after = replace(after, lead=lead, loud=KEEP * self.loud + rival * loud)
-        if not after.against():
-            return after
-        return replace(after, doubtful=DOUBT_STEPS, raised=not self.against())
+        return after._raised_since(self)
+
+    def scored(self, best: float, here: float) -> Self:
+        """Take in the best scores of a scan elsewhere and here, where no evidence says more; (M522)."""
+        beyond = max(best - here - ONE_ALONE, 0.0)
+        return replace(self, elsewhere=FADING * self.elsewhere + beyond)._raised_since(self)
+
+    def _raised_since(self, before: Doubt) -> Self:
+        """The same with a search of other places, if anything speaks against all hypotheses."""
+        if not self.against():
+            return self
+        return replace(self, doubtful=DOUBT_STEPS, raised=not before.against())
 
     def tried(self, lead: float, loud: float) -> Self:
         """Take in by how much the likeliest hypothesis leads a start anew at a step, nats; (M392)."""

@@ -70,14 +70,14 @@ def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator
     poses = np.concatenate(asked)
     log = snapshot.score(poses, 2.0)
     top = poses[int(log.argmax())]
-    here, there = _refined(snapshot, np.array([believed, top]), draw).tolist()
+    here, there = refined(snapshot, np.array([believed, top]), draw).tolist()
     best = max(here, there)
     x, y, turn = top - believed
     # beside an anchor a few millimetres decide, which looks about the believed pose miss
     return best, best if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD else here
 
 
-def _refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> Array:
+def refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> Array:
     """Scores (K,) of about the best poses near each of some (K, 3)."""
     count, std = len(pose), np.array([0.08, 0.08, 0.04])
     drawn, scores = draw.standard_normal((count, ROUNDS, DRAWN, 3)), list[Array]()

@@ -1,1 +1,1 @@
-"""Sampled signals: vague starts, merging of images, estimates for users."""
+"""Sampled signals: vague starts, other places, merging of images, estimates for users."""

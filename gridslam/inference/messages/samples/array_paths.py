@@ -17,7 +17,7 @@ from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Complex, one_more
 from gridslam.inference.messages.samples.array_search import Found, find_paths
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
-from gridslam.inference.messages.samples.state_mode import PathsPrior, paths_at
+from gridslam.inference.messages.samples.state_mode import PathsPrior, is_wide, paths_at
 from gridslam.inference.state.population import moments
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -33,6 +33,8 @@ EXPECTED, DENIED = 0.05, 0.1
 """Chance from which on a path holds the mode though it isn't there; probability below which it is denied."""
 NOISE_GAIN = 0.03
 """Share of a step's noise estimate that enters, in the long run."""
+FAINT = 1e-3
+"""Power of a path that isn't expected, in ratio to the noise's: it pulls where a peak stands beside it."""
 SUREST = 40.0
 """Log ratio beyond which nothing more counts."""
 
@@ -193,13 +195,12 @@ def _weighed(
     """What a snapshot says of all paths, by the joint mode of some (N,)."""
     chance, power = snapshot.chance, snapshot.power
     place, head = model.anchors[snapshot.anchor], state.belief.layout.head
-    prior = PathsPrior(
-        state.belief,
-        place,
-        snapshot.rays.table[followed],
-        chance[followed] * power[followed],
-        np.zeros((0, 3)),
-    )
+    table, weight = snapshot.rays.table[followed], chance[followed] * power[followed]
+    unsure = chance[followed] <= EXPECTED
+    if unsure.any():
+        unsure[unsure] = is_wide(snapshot.band, state.belief, place, table[unsure])  # (M521)
+        weight = np.where(unsure, FAINT * snapshot.noise, weight)
+    prior = PathsPrior(state.belief, place, table, weight, np.zeros((0, 3)))
     found = find_paths(snapshot.band, snapshot.samples, prior, snapshot.noise, power[followed])
     mode = found.mode
     matched, own, log_mean = np.zeros(len(chance)), np.zeros(len(chance)), np.zeros(len(chance))

@@ -151,6 +151,18 @@ def paths_at(
     return path, slope
 
 
+def is_wide(band: ArrayBand, belief: Belief, place: Array, table: Whole) -> NDArray[np.bool_]:
+    """Which paths (N,) a belief predicts less well than within a wave of their correlation."""
+    root = np.ascontiguousarray(belief.root)
+    _, slope = paths_at(belief.mean, place, table, belief.layout.head, root)
+    return _wide(slope, band)
+
+
+def _wide(slope: Array, band: ArrayBand) -> NDArray[np.bool_]:
+    """The same by derivatives (N, 3, n) by deviations of the belief."""
+    return np.asarray((np.sqrt((slope**2).sum(-1)) * band.steepness > WIDE).any(-1))
+
+
 def state_mode(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float) -> StateMode:
     """Find the mode by Gauss-Newton steps with the information of the whole snapshot (M151).
 
@@ -205,9 +217,9 @@ class _States:
 
     def is_wide(self, place: _Place) -> bool:
         """Whether a path that matters is known less well than within a wave of its correlation."""
-        spread = np.sqrt((place.slope[:, : self.size] ** 2).sum(1)).reshape(-1, 3) * self.band.steepness
-        known = len(self.prior.table)
-        return bool((spread[:known][self.matters[:known]] > WIDE).any())
+        known, slope = len(self.prior.table), place.slope.reshape(-1, 3, place.slope.shape[1])
+        wide = _wide(slope[:known, :, : self.size], self.band)
+        return bool(wide[self.matters[:known]].any())
 
     def likeliest(self, numbers: Array, place: _Place) -> tuple[Array, _Place]:
         """The likeliest of states drawn from the belief and of its mean."""
