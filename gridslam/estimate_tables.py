@@ -144,6 +144,27 @@ class SurfaceEstimate(_Rows):
         return ~(same & np.isclose(self.reflection_var, REFLECTION_BINS.var(), rtol=0, atol=ALIKE))
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class SurfaceStretches(_Rows):
+    """Stretches of surfaces that paths were reflected by, of methods that map no cells.
+
+    Attributes
+    ----------
+    surface : (W,) int64
+        Row of the surface in its table; one may have several stretches or none. Ascending.
+    extent_m : (W, 2) float64, m
+        From where to where along the surface, as `SurfaceEstimate.extent_m` counts; ascending.
+    """
+
+    surface: np.ndarray
+    extent_m: np.ndarray
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return a table without stretches."""
+        return cls(np.zeros(0, np.int64), np.zeros((0, 2)))
+
+
 FREE, MIRROR, SCATTERER = 0, 1, 2
 """Kinds of learned features."""
 

@@ -13,6 +13,7 @@ from gridslam.checks.followed import followed, upheld
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
+from gridslam.checks.reflections_instead import takes_reflections, through_walls
 from gridslam.checks.rivals import (
     ALIKE,
     CERTAIN,
@@ -51,7 +52,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
         return []
     plain = explain(asis, scene, agent)
     found, read, sight = _best_cure(asis, scene, agent, plain)
-    if by_handovers.refuted(found, asis, scene, agent):
+    if _refuted(found, asis, scene, agent, plain, sight):
         found, read, sight = [], asis, followed(asis, scene, agent, plain)
     kinds, cured = {item.kind for item in found}, read
     fits = sight.explained >= (EXPLAINED if scene.walls else least_share(scene))
@@ -70,7 +71,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
             found, read, sight = _start_or_column(asis, scene, agent, sight)
     found = offset_beside(found, asis, read, scene, agent, sight)
     found = with_places(found, asis, scene, agent, cured)
-    if by_handovers.refuted(found, asis, scene, agent):
+    if _refuted(found, asis, scene, agent, plain, sight):
         found, read, sight = [], asis, followed(asis, scene, agent, plain)
     found = with_frame(by_handovers.named(found, asis, scene, agent), read, sight, scene)
     found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
@@ -91,6 +92,17 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     if not found and sight.explained >= least_share(scene):
         found += second_device(asis, scene, agent, sight)
     return found
+
+
+def _refuted(
+    found: list[Suspicion], asis: Columns, scene: Scene, agent: str | None, plain: Sight, sight: Sight
+) -> bool:
+    """Whether what anchors tell by themselves, or what comes first, speaks against suspicions."""
+    return bool(found) and (
+        by_handovers.refuted(found, asis, scene, agent)
+        or takes_reflections(asis, followed(asis, scene, agent, plain), sight)
+        or through_walls(asis, sight, scene)
+    )
 
 
 def _start_or_column(

@@ -18,6 +18,9 @@ from gridslam.world.scene import Scene
 
 ENOUGH = 10.0
 """Log likelihood ratio in nats above which a reading is looked at."""
+LEG_M, SMOOTHED = 1.0, 10
+"""Legs of a way by which its course is told where it isn't well known, and steps over which places are
+averaged first."""
 GAINED = 0.1
 """Share of scans that another reading must explain beyond those that the column explains as it stands."""
 
@@ -161,7 +164,7 @@ def _each_alone(table: Columns, scene: Scene, agent: str | None) -> list[Way]:
                 read["aoa_rad"] = table["aod_rad"]
             world = name == "aoa_rad" and kind == "world frame"
             sight = explain(read, scene, agent, world)
-            if not (world and _straight_along_x(sight, scene, agent)):
+            if not (world and _straight_along_x(sight, table, scene, agent)):
                 found.append(Way((Reading(name, kind),), read, sight))
     return found
 
@@ -185,18 +188,27 @@ def _world_frame(table: Columns, scene: Scene, agent: str | None, plain: Sight) 
     if not len(finite(table, "aoa_rad")):
         return None
     sight = explain(table, scene, agent, True)
-    if sight.evidence <= max(plain.evidence + ENOUGH, ENOUGH) or _straight_along_x(sight, scene, agent):
+    if sight.evidence <= max(plain.evidence + ENOUGH, ENOUGH) or _straight_along_x(
+        sight, table, scene, agent
+    ):
         return None
     return Way((Reading("aoa_rad", "world frame"),), table, sight)
 
 
-def _straight_along_x(sight: Sight, scene: Scene, agent: str | None) -> bool:
+def _straight_along_x(sight: Sight, table: Columns, scene: Scene, agent: str | None) -> bool:
     """Whether the agent only goes ahead along x: relative to a heading of 0 is the same as in the world."""
     if agent is not None:
         body = scene.agent(agent)
         if abs(wrap(np.radians(body.start_heading_deg))) >= np.radians(body.prior.heading_deg + 10):
             return False
-    return turning_rad(sight.position_m) < STRAIGHT_RAD
+    if turning_rad(sight.position_m) < STRAIGHT_RAD:
+        return True
+    steps = min(SMOOTHED, max(len(sight.position_m), 1))
+    smooth = np.array([np.convolve(one, np.full(steps, 1 / steps), "valid") for one in sight.position_m.T]).T
+    if turning_rad(smooth, LEG_M) >= STRAIGHT_RAD:
+        return False
+    # it may only seem to turn, where places are told to decimetres; unless little else explains the table
+    return sight.evidence < explain(table, scene, agent, thorough=True).evidence + CERTAIN
 
 
 def _one_by_one(table: Columns, scene: Scene, agent: str | None) -> Way:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.checks.line_of_sight_filter import Sight, explain
+from gridslam.checks.reflections_instead import through_walls
 from gridslam.checks.start_search import APART_M, proposed_starts
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite
 from gridslam.world.columns import Columns
@@ -54,6 +55,8 @@ def second_device(table: Columns, scene: Scene, agent: str | None, sight: Sight)
     together = min(len(sight.position_m), len(other.position_m))
     gap = np.linalg.norm(sight.position_m[:together] - other.position_m[:together], axis=1)
     if np.median(gap) < APART_M or _inside(other.position_m, scene) < INSIDE:
+        return []
+    if through_walls(rest, other, scene):
         return []
     if _level_db(rest, other) < _level_db(table, sight) - FAINTER_DB:
         return []

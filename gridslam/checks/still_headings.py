@@ -34,6 +34,14 @@ def with_frame(found: list[Suspicion], read: Columns, sight: Sight, scene: Scene
     sight : Sight
         What is explained then.
     """
+    bearings = [item for item in found if (item.column, item.kind) == ("aod_rad", "compass")]
+    found = [item for item in found if item not in bearings]
+    named = _with_frame(found, read, sight, scene)
+    return [*bearings, *(named if found or not bearings else [])]
+
+
+def _with_frame(found: list[Suspicion], read: Columns, sight: Sight, scene: Scene) -> list[Suspicion]:
+    """As `with_frame`, of what isn't suspected of departures."""
     kinds = {(item.column, item.kind) for item in found}
     if kinds - BEHIND or len(found) > 1 or not tells_place(read) or one_in_sight(sight):
         return found

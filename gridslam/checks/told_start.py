@@ -16,7 +16,7 @@ from gridslam.world.columns import Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
 
-NEAR_M, NEAR_RAD = 0.4, np.radians(25.0)
+NEAR_M, NEAR_RAD = 0.4, np.radians(10.0)
 """Beyond the prior's half widths up to where a start counts as the told one."""
 SIGMAS = 3.0
 """Standard deviations of the first poses that a start may be off besides."""

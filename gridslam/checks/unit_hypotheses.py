@@ -19,6 +19,8 @@ from gridslam.world.scene import Scene
 Reading = Callable[[Array, NDArray], Array]
 ANGLES = ("aod_rad", "aoa_rad")
 FOOT_M = 0.3048
+LEAST_OFF_RAD = np.radians(10.0)
+"""Off north from which on an anchor tells bearings from angles that are counted clockwise."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +33,8 @@ class Suspicion:
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "rise", "milliseconds", "microseconds",
         "fast", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
-        "round trip", "plan", "flipped", "mirrored", "world frame", "backwards", "swapped", "turned",
-        "place", "second device", "dB", "power", "level", "variances", "exact" or "beyond".
+        "round trip", "plan", "flipped", "mirrored", "world frame", "compass", "backwards", "swapped",
+        "turned", "place", "second device", "dB", "power", "level", "variances", "exact" or "beyond".
     text : str
         What it looks like and what to do.
     certain : bool
@@ -77,6 +79,10 @@ ADVICE = {
     ),
     "world frame of departure": "directions in the world; the anchor's orientation must be subtracted",
     "world frame of arrival": "directions in the world; the agent's heading must be subtracted",
+    "compass": (
+        "directions in the world, counted clockwise from north (compass bearings), where the angle from the "
+        "anchor's orientation, counter-clockwise, belongs"
+    ),
     "backwards": "the direction of travel, where the direction towards where the path comes from belongs",
     "swapped": "exchanged with the other angle: departure is at the anchor, arrival at the agent",
     "dB": "decibels, where the linear root of the SNR belongs",
@@ -141,6 +147,9 @@ def readings(name: str, scene: Scene, table: Columns) -> dict[str, Reading]:
     if name == "aod_rad":
         orientation = scene.anchor_orientations
         readings["world frame"] = lambda values, anchor: wrap(values - orientation[anchor])
+        used = orientation[np.unique(table["anchor"])] if "anchor" in table else orientation
+        if (np.abs(wrap(used - 0.5 * np.pi)) > LEAST_OFF_RAD).any():  # else it is the same as clockwise
+            readings["compass"] = lambda values, anchor: wrap(0.5 * np.pi - values - orientation[anchor])
         if "aoa_rad" in table:
             readings["swapped"] = lambda values, _: table["aoa_rad"]
     else:

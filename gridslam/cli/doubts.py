@@ -149,18 +149,13 @@ def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
     return [*contradictions([earlier, later], [str(file), "this run's map"]), *filter(None, [moved])]
 
 
-def whole_walls_notes(runs: Sequence[Run], earlier: Map | None) -> list[str]:
-    """That their method can't tell where walls are open, and where nothing was heard off them in between.
-
-    Of a map that they began with nobody knows the hits.
-    """
+def whole_walls_notes(runs: Sequence[Run]) -> list[str]:
+    """That their method can't tell where walls are open, and where nothing was heard off them in between."""
     from gridslam.runs.notes import whole_walls_note
     from gridslam.runs.unhit import unhit, unhit_words
 
-    surfaces, note = runs[-1].map.surfaces, whole_walls_note(runs[-1].map, runs[-1].method)
-    if note is None or surfaces is None or earlier is not None:
-        return [note] if note is not None else []
-    return [note + unhit_words(unhit([one for run in runs for one in run.estimates], surfaces))]
+    note = whole_walls_note(runs[-1].map, runs[-1].method)
+    return [] if note is None else [note + unhit_words(unhit(runs[-1].map.wall_segments()))]
 
 
 def silence_notes(

@@ -98,7 +98,7 @@ def run_network(asked: Asked) -> None:
                 runs = list(done.runs.values())
                 observed: list[Observations] = [measurements[run.agent] for run in runs]
             notes = [
-                lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs, prior),
+                lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs),
             ]
             if file is not None:
                 notes += [

@@ -133,7 +133,7 @@ def _run_in_turn(asked: Asked) -> None:
                 go_on_later(folder, earlier, termination)
             notes = [
                 lambda: radio_notes(world) + _height_notes(runs) + jolt_notes(world, runs),
-                lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs, given),
+                lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs),
                 lambda: silence_notes(world, given, runs, observations, asked.map_file),
             ]
             if file is not None:

@@ -77,6 +77,8 @@ class Cells(Protocol):
 
     @property
     def surfaces(self) -> SurfaceEstimate | None: ...  # noqa: D102
+    @property
+    def stretches(self) -> object | None: ...  # noqa: D102
 
     def wall_segments(self) -> Walls: ...  # noqa: D102
 
@@ -283,14 +285,14 @@ def scatterers(axes: Axes, scene: Scene, color: str) -> None:
 
 
 def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) -> None:
-    """Surfaces found: dashed where there is a wall; dotted, whole, those that no cell bears out.
+    """Surfaces found: dashed where there is a wall; dotted, whole, those that nothing bears out.
 
     Those that are `false` (S,) have a colour of their own.
     """
     walls, table = grid.wall_segments(), grid.surfaces
     if table is None:
         return
-    drawn = "surfaces found" if grid.observed.any() else "surfaces found, from first hit to last"
+    doubt = "not in cells" if grid.observed.any() else "hardly hit"
     none = np.zeros(len(table), bool)
     wrong = none if false is None else false
     bare = np.setdiff1d(np.arange(len(table)), walls.surface)
@@ -303,14 +305,20 @@ def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) ->
     sets = ((walls.ends_m, walls.surface, False), (lines, bare, True))
     for ends, rows, dotted in sets:
         for mine, color, width, label in (
-            (~wrong[rows], ORANGE, 1.0, drawn),
+            (~wrong[rows], ORANGE, 1.0, "surfaces found" if dotted else found_label(grid)),
             (wrong[rows], PURPLE, 1.6, "found where none is"),
         ):
             if mine.any() or (color == ORANGE and not dotted):
-                title = f"{label}, not in cells" if dotted else label
+                title = f"{label}, {doubt}" if dotted else label
                 pieces = LineCollection(list(ends[mine]), colors=color, linewidths=width, zorder=3)
                 pieces.set(label=title, linestyle=(0, (1, 1.5)) if dotted else (0, (4, 2)))
                 axes.add_collection(pieces)
+
+
+def found_label(grid: Cells) -> str:
+    """What the legend calls surfaces found."""
+    where = ", from first hit to last" if grid.stretches is None else ", where they were hit"
+    return "surfaces found" + where * (not grid.observed.any())
 
 
 def rivals(axes: Axes, estimates: Sequence[Estimate]) -> None:

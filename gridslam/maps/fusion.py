@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from scipy.special import softmax
 
 from gridslam.errors import InputError
-from gridslam.estimate_tables import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate, SurfaceStretches
 from gridslam.maps.feature_fusion import merge_features
 from gridslam.maps.frames import refuse_lost, require_map, require_one_frame
 from gridslam.maps.line_fusion import JointLines
@@ -18,6 +18,7 @@ from gridslam.maps.map import Map
 from gridslam.maps.map_cells import blocks_of, joint_of
 from gridslam.maps.map_files import LARGEST_CELLS
 from gridslam.maps.run_identity import refuse_shared_runs
+from gridslam.maps.stretches import stretches_of
 from gridslam.world.geometry import canonical, unit, wrap
 from gridslam.world.levels import COEFFICIENTS
 
@@ -98,7 +99,16 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
         covariance,
         joint,
         _surest(ordered),
+        _stretches(ordered, surfaces),
     )
+
+
+def _stretches(maps: Sequence[Map], united: SurfaceEstimate | None) -> SurfaceStretches | None:
+    """Walls of maps whose cells don't tell them; None where each map's cells do, or don't know better."""
+    if united is None or all(grid.stretches is None for grid in maps):
+        return None
+    walls = [grid.wall_segments().ends_m for grid in maps]
+    return stretches_of(np.concatenate(walls), united)
 
 
 def _surest(maps: Sequence[Map]) -> dict[str, np.ndarray]:

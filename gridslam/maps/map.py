@@ -53,6 +53,8 @@ class Map(MapCells):
         taken as independent. Surfaces found by one agent share its errors.
     levels : dict of (50,) float64
         Of "floor" and "ceiling", if coefficients were learned: beliefs over `world.levels.COEFFICIENTS`.
+    stretches : SurfaceStretches or None
+        Where along the surfaces paths were reflected, of runs of methods that map no cells; None: not known.
 
     Raises
     ------

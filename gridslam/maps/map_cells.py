@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.special import expit, logit
 
 from gridslam.errors import InputError
-from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.io.covariances import require_covariance
 from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import REFLECTION_BINS
@@ -56,6 +56,7 @@ class MapCells:
     feature_covariance: np.ndarray | None = None
     surface_covariance: np.ndarray | None = None
     levels: dict[str, np.ndarray] = field(default_factory=dict)
+    stretches: SurfaceStretches | None = None
 
     def __post_init__(self) -> None:
         types = {
@@ -89,6 +90,14 @@ class MapCells:
             square = np.ascontiguousarray(self.feature_covariance, dtype=np.float64)
             object.__setattr__(self, "feature_covariance", square)
             _require(square.shape == (size, size), "feature_covariance", square.shape, f"{(size, size)}")
+        if self.stretches is not None:
+            rows, extent = self.stretches.surface, self.stretches.extent_m
+            good = extent.shape == (len(rows), 2) and bool(np.isfinite(extent).all())
+            _require(good, "stretches", f"extents {extent.shape}", f"{(len(rows), 2)}, finite")
+            _require(
+                not len(rows) or 0 <= rows.min() <= rows.max() < surfaces,
+                "stretches", "rows that aren't there", f"rows of the {surfaces} surfaces",
+            )  # fmt: skip
         object.__setattr__(self, "levels", {n: _level(n, one) for n, one in self.levels.items()})
         if self.surface_covariance is not None:
             self._require_joint(np.ascontiguousarray(self.surface_covariance, dtype=np.float64))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logit
 
 from gridslam.errors import InputError
-from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
+from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.io.files import (
     cannot_write,
     get,
@@ -68,9 +68,9 @@ def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
     ``cell_m`` and ``prior``, beside them what a filter needs to go on: ``evidence`` (ny, nx) and, for the T
     cells with hits, ``coefficient_cell`` (T, 2) [iy, ix] and ``coefficient`` (T, BINS). ``/surfaces`` has one
     dataset per field of `SurfaceEstimate`, ``reflection_posterior`` (S, BINS) and ``joint_covariance`` (2 S,
-    2 S) of all lines; ``/features`` one per field
-    of `FeatureEstimate` and ``joint_covariance`` (3 F, 3 F); ``/levels`` beliefs about floor and
-    ceiling; ``/provenance`` attributes.
+    2 S) of all lines and, of methods without cells, ``stretch_surface`` (W,) and ``stretch_extent_m`` (W, 2);
+    ``/features`` one per field of `FeatureEstimate` and ``joint_covariance`` (3 F, 3 F); ``/levels`` beliefs
+    about floor and ceiling; ``/provenance`` attributes.
 
     Raises
     ------
@@ -99,6 +99,9 @@ def put_map(grid: MapCells, group: h5py.Group) -> None:
             put(surfaces, name, getattr(grid.surfaces, name), unit)
         if grid.surface_reflection is not None:
             put(surfaces, "reflection_posterior", grid.surface_reflection, "1")
+        if grid.stretches is not None:
+            put(surfaces, "stretch_surface", grid.stretches.surface, "1")
+            put(surfaces, "stretch_extent_m", grid.stretches.extent_m, "m")
         if grid.surface_covariance is not None:
             put(surfaces, "joint_covariance", grid.surface_covariance, SURFACE_UNITS["line_cov"])
     if grid.features is not None:
@@ -151,6 +154,7 @@ def get_map(group: h5py.Group, where: str) -> dict[str, Any]:
         "provenance": get_attributes(subgroup(group, "provenance")) if "provenance" in group else {},
         **(_read_features(group) if "features" in group else {}),
         "levels": _read_levels(group),
+        "stretches": _read_stretches(group["surfaces"]) if "surfaces" in group else None,
     }
 
 
@@ -247,6 +251,14 @@ def _read_levels(file: h5py.Group) -> dict[str, np.ndarray]:
     """Beliefs (50,) about coefficients of floor and ceiling, where stored."""
     group = subgroup(file, "levels") if "levels" in file else {}
     return {name: get(group, name, (len(COEFFICIENTS),), "f") for name in LEVELS if name in group}
+
+
+def _read_stretches(group: h5py.Group) -> SurfaceStretches | None:
+    """Where paths were reflected by surfaces, where stored."""
+    if "stretch_surface" not in group:
+        return None
+    row = get(group, "stretch_surface", (None,), "i")
+    return SurfaceStretches(row, get(group, "stretch_extent_m", (len(row), 2)))
 
 
 def read_owner(group: h5py.Group, count: int) -> np.ndarray:

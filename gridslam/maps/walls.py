@@ -4,7 +4,7 @@ A surface is an endless line, and the extent that goes with it runs from its fir
 doors, streets and whatever lies between two walls in one line. The cells know better. Along the line, a place
 is open where rays went through all cells next to it, as sure as a cell can be; it is wall where a cell next
 to it was hit, and not just faintly where rays speak against it, or is more likely occupied than before; and
-it is unknown else.
+it is unknown else. Of methods that map no cells, what paths were reflected by is wall (`Map.stretches`).
 
 What is wall comes in pieces. Two of them are one wall if the gap between them is short, both in all and where
 it is open, and neither piece is much shorter than the gap: one measurement that is off by metres puts a hit
@@ -79,8 +79,9 @@ class WallSegments:
 def wall_segments(grid: MapCells) -> WallSegments:
     """Stretches of a map's surfaces where there is a wall, by what its cells know.
 
-    A surface whose cells know nothing (methods that map no cells) keeps its whole extent; one that was never
-    hit has no stretch. What lies off the grid by more than the grid is wide is left out.
+    A surface whose cells know nothing keeps its whole extent, unless the map says by which stretches of it
+    paths were reflected; one that was never hit has no stretch. What lies off the grid by more than the grid
+    is wide is left out.
 
     Parameters
     ----------
@@ -92,7 +93,8 @@ def wall_segments(grid: MapCells) -> WallSegments:
     if table is not None:
         hits = np.ptp(grid.coefficient, axis=-1)
         for row in np.flatnonzero(np.isfinite(table.extent_m).all(axis=1)):
-            own = _stretches(grid, hits, table.line[row], table.line_cov[row], table.extent_m[row])
+            known = None if grid.stretches is None else grid.stretches.extent_m[grid.stretches.surface == row]
+            own = _stretches(grid, hits, table.line[row], table.line_cov[row], table.extent_m[row], known)
             rows += [int(row)] * len(own)
             pieces += own
     surface, extent = np.array(rows, np.int64), np.array(pieces, float).reshape(-1, 2)
@@ -105,9 +107,12 @@ def wall_segments(grid: MapCells) -> WallSegments:
 
 
 def _stretches(
-    grid: MapCells, hits: NDArray, line: Array, cov: Array, extent: Array
+    grid: MapCells, hits: NDArray, line: Array, cov: Array, extent: Array, heard: Array | None
 ) -> list[tuple[float, float]]:
-    """Where along one surface there is a wall: pairs of coordinates, ascending."""
+    """Where along one surface there is a wall: pairs of coordinates, ascending.
+
+    `heard` (H, 2) is where paths were reflected, of methods without cells.
+    """
     corners = np.array([[x, y] for x in (0, 1) for y in (0, 1)]) * (grid.corner_m - grid.origin_m)
     around = (grid.origin_m + corners) @ unit(line[0] + 0.5 * np.pi)
     nearby = around.min() - np.ptp(around), around.max() + np.ptp(around)
@@ -116,8 +121,12 @@ def _stretches(
         return []
     low, high = np.clip([low, high], *nearby)  # maps of others may claim any extent
     edge = np.linspace(low, high, max(1, int(np.ceil((high - low) / (0.5 * grid.cell_m)))) + 1)
-    state, sure, evidence = _states(grid, hits, line, cov, 0.5 * (edge[1:] + edge[:-1]))
-    if not (state == WALL).any():  # nothing to go by but what is open
+    middle = 0.5 * (edge[1:] + edge[:-1])
+    state, sure, evidence = _states(grid, hits, line, cov, middle)
+    if heard is not None:
+        hit = ((heard[:, :1] <= middle) & (middle <= heard[:, 1:])).any(axis=0) & (state == UNKNOWN)
+        state, sure = np.where(hit, WALL, state), sure | hit
+    elif not (state == WALL).any():  # nothing to go by but what is open
         state, sure = np.where(state == UNKNOWN, WALL, state), state == UNKNOWN
     first, last = _joined(state, edge)
     pieces = [(a, b) for a, b in zip(first, last, strict=True) if sure[a:b].any()]

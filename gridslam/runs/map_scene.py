@@ -16,6 +16,7 @@ from gridslam.maps.map import Map
 from gridslam.measurements.observations import Observations, require_kind
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
+from gridslam.runs.heard_stretches import with_stretches
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
@@ -121,6 +122,8 @@ def map_scene(
     with held_back() as asked:  # a map of many cells takes a moment
         estimates = done.estimates
         last, final_map = estimates[-1], stamped(mapped(slam), scene)
+        if not getattr(slam, "keeps_grid", final_map.observed.any()):
+            final_map = with_stretches(final_map, [estimates], prior_map)
         surfaces = last.surfaces.take(last.detected)
         if final_map.surfaces is not None and not any(len(e.surfaces) for e in estimates):
             surfaces = final_map.surfaces  # of features: no step tells them

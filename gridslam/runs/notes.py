@@ -119,9 +119,14 @@ def whole_walls_note(found: Map, method: str) -> str | None:
     table = found.surfaces
     if table is None or found.observed.any() or not np.isfinite(table.extent_m).all(axis=1).any():
         return None
+    if found.stretches is None:
+        return (
+            f"{method} maps no cells: each wall is drawn and exported from its first hit to its last, across "
+            "doors and gaps, which only methods with a grid find"
+        )
     return (
-        f"{method} maps no cells: each wall is drawn and exported from its first hit to its last, across "
-        "doors and gaps, which only methods with a grid find"
+        f"{method} maps no cells: walls are drawn and exported where paths were reflected by them; whether "
+        "there is a door or a wall in between, only methods with a grid find"
     )
 
 
@@ -131,7 +136,11 @@ def planner_note(found: Map, file: Path) -> str | None:
         return None
     none = "no free cells, as of methods that map none or where too little is measured"
     if found.surfaces is not None and not found.observed.any():
-        none += "; walls go from their first hit to their last, across doors"
+        none += "; walls go " + (
+            "from their first hit to their last, across doors"
+            if found.stretches is None
+            else "as far as paths were reflected by them"
+        )
     return f"{file}: {none}: no map for a planner"
 
 

@@ -1,56 +1,34 @@
-"""Where walls of methods without cells were never hit between their first hit and their last.
+"""Where nothing was heard off walls of methods without cells, between two stretches of one surface.
 
-The cells of grid methods tell where a wall is open. Without them, the bounces of the paths that were believed
-in tell where there was none: a door, a gap, or a wall that nothing was heard off.
+There may be a door, a gap, or a wall off which nothing was heard.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
-from gridslam.estimates import Estimate
-from gridslam.maps.walls import LONGEST_GAP_M
-from gridslam.world.geometry import unit
+from gridslam.maps.walls import WallSegments
 
-BELIEVED = 0.9
-"""Probability from which on a path is taken to be there."""
 MOST_NAMED = 4
 
 
-def unhit(estimates: Sequence[Estimate], surfaces: SurfaceEstimate) -> Array:
-    """Stretches of over 0.5 m between two hits of a surface, off which nothing was heard, longest first.
+def unhit(walls: WallSegments) -> Array:
+    """What lies between neighbouring stretches of one surface, longest first.
 
     Parameters
     ----------
-    estimates : sequence of Estimate
-        Of all steps of all agents that made the map.
-    surfaces : SurfaceEstimate
-        As found in the end.
+    walls : WallSegments
+        Of a map without cells.
 
     Returns
     -------
     (U, 2, 2) float64, m
-        Their ends, indexed [stretch, end, xy].
+        Ends, indexed [gap, end, xy].
     """
-    tables = [one.paths.take(one.paths.existence > BELIEVED) for one in estimates]
-    paths = PathEstimate.stack(tables) if tables else PathEstimate.empty()
-    found = list[Array]()
-    for identity, line, extent in zip(surfaces.identity, surfaces.line, surfaces.extent_m, strict=True):
-        if not np.isfinite(extent).all():
-            continue
-        normal, tangent = unit(line[0]), unit(line[0] + 0.5 * np.pi)
-        last, first = (paths.surfaces == identity).T
-        hits = np.concatenate([paths.points[first, 1], paths.points[last, 2]]) @ tangent
-        low, high = np.sort(extent)
-        places = np.unique([low, *hits[(hits > low) & (hits < high)], high])
-        for gap in np.flatnonzero(np.diff(places) > LONGEST_GAP_M):
-            found.append(line[1] * normal + places[gap : gap + 2, None] * tangent)
-    length = [-float(np.linalg.norm(one[1] - one[0])) for one in found]
-    return np.reshape([found[index] for index in np.argsort(length, kind="stable")], (-1, 2, 2))
+    same = walls.surface[1:] == walls.surface[:-1]
+    gaps = np.stack([walls.ends_m[:-1, 1], walls.ends_m[1:, 0]], axis=1)[same]
+    return np.asarray(gaps[np.argsort(-np.linalg.norm(gaps[:, 1] - gaps[:, 0], axis=-1), kind="stable")])
 
 
 def unhit_words(stretches: Array) -> str:

@@ -106,7 +106,8 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     def _inherited(self, prior: Map) -> Map | None:
         """Features that surfaces may not stand for, and cells, of systems that don't map any."""
-        bare = replace(prior, surfaces=None, surface_reflection=None, surface_covariance=None, levels={})
+        none: Any = dict.fromkeys(("surfaces", "surface_reflection", "surface_covariance", "stretches"))
+        bare = replace(prior, **none, levels={})
         if self.keeps_grid:
             grid = prior.blank(prior.origin_m, prior.cell_m, prior.shape, prior.prior)
             bare = replace(bare, evidence=grid.evidence, coefficient=grid.coefficient, observed=grid.observed)

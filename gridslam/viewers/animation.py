@@ -22,8 +22,10 @@ from matplotlib.patches import Ellipse
 from gridslam.drawing.anchor_labels import anchors
 from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PURPLE, scatterers
 from gridslam.errors import InputError
+from gridslam.estimate_tables import SurfaceEstimate, SurfaceStretches
 from gridslam.estimates import Estimate
 from gridslam.io.files import cannot_write, put_in_place
+from gridslam.maps.map import Map
 from gridslam.runs.run_files import AgentFiles
 from gridslam.viewers.plots import STRENGTH, measures_amplitudes
 from gridslam.viewers.signal_plots import BELIEVED
@@ -154,7 +156,10 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     look = by_strength if measures_amplitudes(found) else {"color": PURPLE}
     axes.add_collection(LineCollection(rays, lw=0.7, alpha=0.7, **look))
     known = now.surfaces.take(now.detected)
-    shown = replace(found.map, surfaces=known, surface_reflection=None, surface_covariance=None)
+    shown = replace(
+        found.map, surfaces=known, surface_reflection=None, surface_covariance=None,
+        stretches=_stretches(found.map, known),
+    )  # fmt: skip
     ends = shown.wall_segments().ends_m
     axes.add_collection(LineCollection(list(ends), colors=ORANGE, linewidths=3, alpha=0.6))
     if found.truth is not None:
@@ -166,6 +171,19 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     axes.set_title(
         f"step {now.step}: {counted(len(rays), 'path')}, {counted(len(known), 'surface')}", fontsize=9
     )
+
+
+def _stretches(final: Map, known: SurfaceEstimate) -> SurfaceStretches | None:
+    """Where surfaces known by a step are walls by the map at the end; whole, if it has lost them."""
+    if final.stretches is None or final.surfaces is None:
+        return None
+    walls, there = final.wall_segments(), np.isin(known.identity, final.surfaces.identity)
+    gone = np.flatnonzero(~there & np.isfinite(known.extent_m).all(axis=1))
+    pieces = [SurfaceStretches(gone, known.extent_m[gone])]
+    for row in np.flatnonzero(there):
+        own = walls.ends_m[walls.identity == known.identity[row]] @ unit(known.line[row, 0] + 0.5 * np.pi)
+        pieces.append(SurfaceStretches(np.full(len(own), row), np.sort(own, axis=1)))
+    return SurfaceStretches.stack(pieces)
 
 
 def _agent(axes: Axes, scene: Scene, now: Estimate) -> None:

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from gridslam.drawing.map_figure import blank
+from gridslam.drawing.map_figure import blank, found_label
 from gridslam.drawing.widths import PAGE_IN
 from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.run_files import RunFiles
@@ -64,8 +64,7 @@ def draw_tracks(run: RunFiles, width: float = PAGE_IN) -> Figure:
     for ends in walls.ends_m:
         axes.plot(*ends.T, color="k", lw=0.8)
     axes.plot([], [], color=WALL, lw=3.0, label="true walls")
-    found_ones = "surfaces found" if last.map.observed.any() else "surfaces found, from first hit to last"
-    axes.plot([], [], color="k", lw=0.8, label=found_ones)
+    axes.plot([], [], color="k", lw=0.8, label=found_label(last.map))
     for number, (name, found) in enumerate(run.agents.items()):
         colour = COLOURS[number % len(COLOURS)]
         axes.plot(*found.trajectory.position_m.T, color=colour, lw=1.6, label=name)

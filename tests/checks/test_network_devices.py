@@ -107,3 +107,10 @@ def test_unknown_clocks_accuse_nobody_and_angles_are_judged_all_the_same(name):
     assert not any(one.found or one.verdict.startswith("suspect: ") for one in devices(right, scene))
     first, second = devices(spoilt(right, "swapped"), scene)
     assert (first.found, [item.kind for item in second.found]) == ([], ["swapped"])
+
+
+@pytest.mark.slow
+def test_a_straight_way_along_x_that_angles_alone_tell_roughly_is_no_way_in_the_world():
+    """The course of places that are off by decimetres seemed to turn."""
+    (own,) = devices(gs.simulate(gs.Scene.load("annex"), ["agent1"], 3), gs.Scene.load("annex"))
+    assert own.found == []

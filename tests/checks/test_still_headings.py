@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from lab_samples import ANCHORS, heard, heard_facing, lab, suspected
+from scene_samples import short
 
+import gridslam as gs
+from gridslam.checks.diagnose import suspicions
 from gridslam.checks.verdict import verdict
 from gridslam.world.geometry import wrap
 
@@ -23,6 +26,21 @@ def test_compass_bearings_are_named_as_such():
     (found,) = suspected(table, lab(NAMES, walls=True, start_heading_deg=90.0))
     assert (found.column, found.kind) == ("aoa_rad", "world frame")
     assert "clockwise from north (compass bearings)" in found.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("both", [False, True])
+def test_compass_bearings_of_departure_are_named_too(both):
+    scene = short("alcove", 100)
+    table = gs.simulate(scene, "agent1", 1)
+    facing = scene.track("agent1").heading_rad[table.step]
+    leaving = np.pi / 2 - table.aod_rad - scene.anchor_orientations[table.anchor]
+    wrong = {"aod_rad": wrap(leaving)} | (
+        {"aoa_rad": wrap(np.pi / 2 - table.aoa_rad - facing)} if both else {}
+    )
+    found = suspicions(dict(table.columns) | wrong, table.anchors, scene, "agent1")
+    assert [item.column for item in found] == ["aod_rad", "aoa_rad"][: 1 + both]
+    assert all("clockwise from north (compass bearings)" in item.text for item in found)
 
 
 @pytest.mark.slow

@@ -119,14 +119,12 @@ def test_export_of_a_map_without_free_cells_notes_that_no_planner_can_use_it(say
 
 
 @pytest.mark.slow
-def test_export_and_run_say_that_a_method_without_cells_draws_walls_across_doors(say):
+def test_export_and_run_say_that_a_method_without_cells_draws_walls_where_they_were_hit(say):
     assert say("run", "room", "--steps", "12", "--method", "adaptive", "-o", "lines").code == 0
     notes = json.loads(Path("lines/run.json").read_text())["notes"]
-    assert any("adaptive maps no cells" in note and " m in between: from (" in note for note in notes)
+    assert any("maps no cells: walls are drawn and exported where paths were" in note for note in notes)
     result = say("export", "lines", "-o", "robot")
-    assert "; walls go from their first hit to their last, across doors: no map" in " ".join(
-        result.complaints
-    )
+    assert "; walls go as far as paths were reflected by them: no map" in " ".join(result.complaints)
 
 
 @pytest.mark.slow

@@ -78,7 +78,7 @@ def test_plot_of_a_method_without_cells_speaks_of_none(run):
     measurements = gs.simulate(run.scene, "agent1", 1)
     lines = gs.map_scene(run.scene, measurements, method="adaptive", seed=1, particles=100).plot()
     words = {text.get_text() for text in lines.legends[0].get_texts()}
-    assert "surfaces found, from first hit to last" in words
+    assert "surfaces found, where they were hit" in words
     assert "surfaces found" not in words
     assert not words & {"free", "unexplored", "occupied"}
     assert len(lines.axes[0].images) == 0

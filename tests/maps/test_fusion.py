@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from map_samples import assert_same, random_map, surfaces
 
 from gridslam.errors import InputError
-from gridslam.estimate_tables import SurfaceEstimate
+from gridslam.estimate_tables import SurfaceEstimate, SurfaceStretches
 from gridslam.maps.fusion import fuse
 from gridslam.maps.map import Map
 
@@ -55,6 +55,18 @@ def test_wall_seen_by_both_agents_is_one_sharper_wall():
     np.testing.assert_allclose(
         merged.sfv_m[0], 2 * 6.005 * np.array([np.cos(0.501), np.sin(0.501)]), atol=0.04
     )
+
+
+def test_a_door_that_one_map_has_stays_open_and_what_another_knows_whole_is_closed():
+    base, line = Map.blank((0, 0), 1.0, (20, 20), 0.1), surfaces([(0.5, 6.0)], extent=(0, 5))
+    rows = np.zeros(2, np.int64)
+    doors = replace(base, surfaces=line, stretches=SurfaceStretches(rows, np.array([[0.0, 2.0], [3.0, 5.0]])))
+    more = replace(base, surfaces=surfaces([(0.5 - np.pi, -6.0)], extent=(-8, -4)))
+    both = fuse([doors, more], same_frame=True)
+    np.testing.assert_allclose(both.stretches.extent_m, [[0, 2], [3, 8]], atol=1e-6)
+    assert fuse([more], same_frame=True).stretches is None
+    whole = replace(doors, stretches=None)
+    np.testing.assert_allclose(fuse([doors, whole], same_frame=True).stretches.extent_m, [[0, 5]], atol=1e-6)
 
 
 def test_same_line_written_with_the_opposite_normal_merges():

@@ -10,6 +10,7 @@ from run_samples import hall, some_measurements, some_run
 
 from gridslam.checks.other_files import run_line
 from gridslam.cli.run_end import Done, _table
+from gridslam.estimate_tables import SurfaceStretches
 from gridslam.runs.notes import (
     grave_notes,
     health_notes,
@@ -148,6 +149,10 @@ def test_a_method_without_cells_is_said_to_draw_walls_across_doors():
     bare = replace(grid, observed=np.zeros(grid.shape, bool), surfaces=hit)
     assert whole_walls_note(bare, "adaptive").startswith(
         "adaptive maps no cells: each wall is drawn and exported from its first hit to its last, across doors"
+    )
+    heard = replace(bare, stretches=SurfaceStretches.empty())
+    assert whole_walls_note(heard, "adaptive").startswith(
+        "adaptive maps no cells: walls are drawn and exported where paths were reflected by them"
     )
     assert whole_walls_note(replace(grid, surfaces=hit), "grid") is None
     assert whole_walls_note(replace(bare, surfaces=table), "direct") is None  # none was hit

@@ -1,0 +1,21 @@
+"""What a moving picture shows of walls."""
+
+from dataclasses import replace
+
+import numpy as np
+from map_samples import surfaces
+
+from gridslam.estimate_tables import SurfaceStretches
+from gridslam.maps.map import Map
+from gridslam.viewers.animation import _stretches
+
+
+def test_walls_have_their_doors_as_soon_as_they_are_seen_and_lost_ones_are_whole():
+    found = surfaces([(0.5, 6.0)], extent=(0, 5))
+    door = SurfaceStretches(np.zeros(2, np.int64), np.array([[0.0, 2.0], [3.0, 5.0]]))
+    final = replace(Map.blank((0, 0), 0.1, (120, 120), 0.1), surfaces=found, stretches=door)
+    known = surfaces([(0.5, 6.0), (2.0, 3.0)], extent=(0, 4))
+    now = _stretches(final, known)
+    np.testing.assert_allclose(now.extent_m, [[0, 4], [0, 2], [3, 5]], atol=0.06)
+    np.testing.assert_array_equal(now.surface, [1, 0, 0])
+    assert _stretches(replace(final, stretches=None), known) is None
