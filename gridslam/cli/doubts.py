@@ -123,6 +123,21 @@ def radio_notes(world: Scene) -> list[str]:
     return [f"suspect: {found}" for found in implausible_radio(world)]
 
 
+def height_notes(runs: Sequence[Run]) -> list[str]:
+    """Heights and coefficients of levels that were estimated, as believed at the end."""
+    levels = [
+        f"{done.agent}: coefficient of the {name} {found:.2f} +-{std:.2f}"
+        for done in runs
+        for name, (found, std) in (done.estimates[-1].coefficients if done.estimates else {}).items()
+    ]
+    return levels + [
+        f"{done.agent}: height of {'the agent' if name == 'agent' else f'the {name}'} "
+        f"{height:.3f} m +-{std:.3f}"
+        for done in runs
+        for name, (height, std) in (done.estimates[-1].heights if done.estimates else {}).items()
+    ]
+
+
 def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
     """Whose motion the scene's filter settings are too narrow for, and how wide they were taken."""
     settings, notes = world.filter, []

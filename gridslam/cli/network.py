@@ -11,15 +11,20 @@ from gridslam.cli.doubts import map_notes, truth_notes, unknown_notes, whole_wal
 from gridslam.cli.observed import hints, noted, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
+from gridslam.cli.run_begin import map_before, tell
 from gridslam.cli.run_end import Done, finish, go_on_later, judged
 from gridslam.errors import InputError
 from gridslam.systems.registry import method_class
 
 if TYPE_CHECKING:
     from gridslam.cli.asked import Asked
+    from gridslam.maps.map import Map
     from gridslam.measurements.network import NetworkMeasurements
     from gridslam.measurements.observations import Observations
+    from gridslam.runs.network_run import NetworkRun
+    from gridslam.runs.unfinished import Unfinished
     from gridslam.simulation.network import NetworkTruth
+    from gridslam.viewers.rerun_view import RunView
     from gridslam.world.scene import Scene
 
 err = Console(stderr=True)
@@ -31,98 +36,118 @@ def run_network(asked: Asked) -> None:
     Without measurements, what all agents hear is simulated, and nothing says whose it is.
     """
     from gridslam import runtime
-    from gridslam.maps.frames import fitted
-    from gridslam.maps.map import Map
-    from gridslam.runs.network_files import clock_files
-    from gridslam.runs.network_run import map_network, network_scores
-    from gridslam.runs.notes import lost_makers
-    from gridslam.runs.progress import network_progress_bar
-    from gridslam.runs.stopping import StoppedLate, held_back
 
-    world, file = asked.world, asked.measurements
-    if asked.signal:
-        found = f"{asked.signal[0]}, with method {asked.method!r}, which takes path measurements"
-        raise InputError("--signal", found, "--measurements FILE")
-    how = asked.start_how(file)
-    if file is not None and asked.steps is not None:
-        found = f"{asked.steps}, with a table of agents that are taken at once"
-        raise InputError("--steps", found, "none: a table of fewer steps instead")
-    if file is None and asked.truth:
-        raise InputError("--truth", asked.truth[0], "only together with --measurements")
+    world = asked.world
+    _refuse_contradictions(asked)
+    how = asked.start_how(asked.measurements)
     with (
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
         with noted() as read:
-            measurements, truth = _network_observations(asked)
-        prior = Map.load(asked.map_file) if asked.map_file else None
-        note = None
-        if prior is not None:
-            prior, note = fitted(prior, world, str(asked.map_file), asked.same_frame)
-        with view_of(asked, measurements.agents) as view:
+            heard, truth = _network_observations(asked)
+        prior, of_map = map_before(asked)
+        with view_of(asked, heard.agents) as view:
             runtime.start(asked.device, asked.threads)
-            given_rows = measurements.table if file is not None else None
-            other = (
-                None if file is None else simulated_note(world, file, measurements.agents, measurements.table)
-            )
-            of_map = [note, *lost_makers(asked.map_file)]
-            told = [*filter(None, (other, *of_map)), *hints(world, asked.method, given_rows)]
-            for line in (*place.notes, *told):
-                if line:
-                    err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
-            resolved = {"agent": list(measurements.agents), "particles": world.filter.particles, "start": how}
+            told = [*_notes_of_rows(asked, heard), *of_map, *_hints(asked, heard)]
+            tell([*place.notes, *told])
+            resolved = {"agent": list(heard.agents), "particles": world.filter.particles, "start": how}
             earlier = unfinished(asked.context, place, world, method_class(asked.method), resolved)
             before = earlier.network_measurements() if earlier is not None else None
-            measurements = measurements if before is None else before
-            own = (
-                earlier.agent(0, ", ".join(measurements.agents), measurements)
-                if earlier is not None
-                else None
-            )
-            stopped = False
-            try:
-                with network_progress_bar(measurements.tracks, err) as tell:
-                    done = map_network(
-                        world, measurements, asked.seed, prior, starts=how, progress=tell,
-                        method=asked.method, checkpoint=own,
-                        watch=None if view is None else view.follow_all(measurements.tracks),
-                    )  # fmt: skip
-            except StoppedLate as late:  # it is whole all the same
-                done, stopped = late.run, True
-            stopped = stopped or done.interrupted
+            heard = heard if before is None else before
+            done, stopped = _mapped(asked, heard, prior, how, earlier, view)
             if stopped and earlier is not None:
                 go_on_later(folder, earlier, termination)
-            with held_back() as asked_late:
-                if view is not None:
-                    view.show_map(done.map)
-                runs = list(done.runs.values())
-                observed: list[Observations] = [measurements[run.agent] for run in runs]
-            notes = [
-                lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs),
-            ]
-            if file is not None:
-                notes += [
-                    lambda: truth_notes(world, runs, observed),
-                    lambda: unknown_notes(world, runs, observed),
-                ]
-            (scores, whole), said, lacks = judged(
-                lambda: network_scores(done, measurements, truth),
-                lambda: ([run.score() for run in runs], done.score()),
-                notes,
-            )
-            if lacks and earlier is not None:
+            end, late = _concluded(asked, done, heard, truth, prior, [*read, *told], view)
+            if end.lacks and earlier is not None:
                 go_on_later(folder, earlier, termination)
-            with held_back() as later:  # whatever is computed by now is written
-                more: dict[str, Any] = source([] if file is None else [file]) | {"network": whole}
-                if file is not None:  # nobody knows how exact it is
-                    more["start"] = "scene"
-                end = Done(
-                    runs, observed, scores, more,
-                    f"{len(done.clocks.step)} of {len(measurements)} steps" if done.interrupted else "",
-                    clock_files(done.clocks, measurements.clocks), _lines(whole), said, [*read, *told], lacks,
-                )  # fmt: skip
-            stopped = stopped or asked_late.is_set() or later.is_set()
-            finish(folder, place, world, end, stopped, termination)
+            finish(folder, place, world, end, stopped or late, termination)
+
+
+def _refuse_contradictions(asked: Asked) -> None:
+    """Refuse options that methods of several agents don't take, or not together."""
+    recorded = asked.measurements is not None
+    if asked.signal:
+        found = f"{asked.signal[0]}, with method {asked.method!r}, which takes path measurements"
+        raise InputError("--signal", found, "--measurements FILE")
+    if recorded and asked.steps is not None:
+        found = f"{asked.steps}, with a table of agents that are taken at once"
+        raise InputError("--steps", found, "none: a table of fewer steps instead")
+    if not recorded and asked.truth:
+        raise InputError("--truth", asked.truth[0], "only together with --measurements")
+
+
+def _notes_of_rows(asked: Asked, heard: NetworkMeasurements) -> list[str]:
+    """What a file's rows look like."""
+    if asked.measurements is None:
+        return []
+    note = simulated_note(asked.world, asked.measurements, heard.agents, heard.table)
+    return [] if note is None else [note]
+
+
+def _hints(asked: Asked, heard: NetworkMeasurements) -> list[str]:
+    """What else may be asked for, of rows that were recorded, or none."""
+    return hints(asked.world, asked.method, heard.table if asked.measurements is not None else None)
+
+
+def _mapped(
+    asked: Asked, heard: NetworkMeasurements, prior: Map | None, how: str, earlier: Unfinished | None,
+    view: RunView | None,
+) -> tuple[NetworkRun, bool]:  # fmt: skip
+    """The run, and whether it was stopped; where its last step was done, it is whole all the same."""
+    from gridslam.runs.network_run import map_network
+    from gridslam.runs.progress import network_progress_bar
+    from gridslam.runs.stopping import StoppedLate
+
+    own = earlier.agent(0, ", ".join(heard.agents), heard) if earlier is not None else None
+    watch = view.follow_all(heard.tracks) if view is not None else None
+    try:
+        with network_progress_bar(heard.tracks, err) as progress:
+            done = map_network(
+                asked.world, heard, asked.seed, prior, starts=how, progress=progress,
+                method=asked.method, checkpoint=own, watch=watch,
+            )  # fmt: skip
+    except StoppedLate as late:
+        return late.run, True
+    return done, done.interrupted
+
+
+def _concluded(
+    asked: Asked, done: NetworkRun, heard: NetworkMeasurements, truth: NetworkTruth | None,
+    prior: Map | None, before: list[str], view: RunView | None,
+) -> tuple[Done, bool]:  # fmt: skip
+    """What the run came to, with scores and notes, and whether it was asked to stop meanwhile."""
+    from gridslam.runs.network_files import clock_files
+    from gridslam.runs.network_run import network_scores
+    from gridslam.runs.stopping import held_back
+
+    with held_back() as shown:
+        if view is not None:
+            view.show_map(done.map)
+        runs = list(done.runs.values())
+        observed: list[Observations] = [heard[run.agent] for run in runs]
+    notes = [lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs)]
+    if asked.measurements is not None:
+        notes += [
+            lambda: truth_notes(asked.world, runs, observed),
+            lambda: unknown_notes(asked.world, runs, observed),
+        ]
+    (scores, whole), said, lacks = judged(
+        lambda: network_scores(done, heard, truth),
+        lambda: ([run.score() for run in runs], done.score()),
+        notes,
+    )
+    with held_back() as late:  # whatever is computed by now is written
+        files = [] if asked.measurements is None else [asked.measurements]
+        more: dict[str, Any] = source(files) | {"network": whole}
+        if files:  # nobody knows how exact it is
+            more["start"] = "scene"
+        end = Done(
+            runs, observed, scores, more,
+            f"{len(done.clocks.step)} of {len(heard)} steps" if done.interrupted else "",
+            clock_files(done.clocks, heard.clocks), _lines(whole), said, before, lacks,
+        )  # fmt: skip
+    return end, shown.is_set() or late.is_set()
 
 
 def _network_observations(asked: Asked) -> tuple[NetworkMeasurements, NetworkTruth | None]:

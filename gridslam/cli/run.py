@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import typer
 from rich.console import Console
@@ -14,6 +14,7 @@ from gridslam.cli.agents import agents_of
 from gridslam.cli.asked import Asked, RunOptions
 from gridslam.cli.doubts import (
     fit_notes,
+    height_notes,
     jolt_notes,
     map_notes,
     radio_notes,
@@ -35,6 +36,7 @@ from gridslam.cli.observed import (
 )
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import refuse_contradictions, unfinished
+from gridslam.cli.run_begin import map_before, tell
 from gridslam.cli.run_end import Done, busy, finish, go_on_later, judged
 from gridslam.errors import InputError, renamed
 from gridslam.systems.registry import METHODS, method_class, taken_by
@@ -44,7 +46,9 @@ if TYPE_CHECKING:
     from gridslam.measurements.observations import Observations
     from gridslam.runs.run import Run
     from gridslam.runs.unfinished import Unfinished
+    from gridslam.systems.slam import Slam
     from gridslam.viewers.rerun_view import RunView
+    from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
 
 err = Console(stderr=True)
@@ -73,107 +77,150 @@ def run(context: typer.Context, options: RunOptions) -> None:
             _run_in_turn(asked)
 
 
+@dataclass(frozen=True)
+class Plan:
+    """Who explores in turn, by which method, and where what they heard stands.
+
+    Attributes
+    ----------
+    names : list of str
+    method : str
+        As it suits the scene and the files.
+    system : type
+    takes : str
+        What the method takes: paths or samples.
+    files : dict of str to Path
+        Of what agents heard, by their names; what isn't there is simulated.
+    unsaid : Path or None
+        The file of which nobody said whose it is.
+    how : str
+        What agents are told of their start.
+    """
+
+    names: list[str]
+    method: str
+    system: type[Slam]
+    takes: Kind
+    files: dict[str, Path]
+    unsaid: Path | None
+    how: str
+
+    @classmethod
+    def of(cls, asked: Asked) -> Self:
+        """As it was asked for.
+
+        Raises
+        ------
+        InputError
+            What was asked for contradicts itself, the scene, or the method.
+        """
+        world = asked.world
+        takes = taken_by(method_class(asked.method, "--method"))
+        files = files_of(asked, takes)
+        names = agents_of(world, asked.agent, files)
+        by_name = {name or names[0]: path for name, path in files.items()}
+        first = by_name.get(names[0])
+        method = suited_method(asked.method, world, names, list(by_name.values()))
+        system = method_class(method, "--method")
+        require_map_used(asked.map_file, system, method)
+        if first is None and takes == "signal":
+            world.waveform(names[0])
+        return cls(names, method, system, takes, by_name, files.get(None), asked.start_how(first))
+
+    @property
+    def first(self) -> Path | None:
+        """Where what the first agent heard stands."""
+        return self.files.get(self.names[0])
+
+
 def _run_in_turn(asked: Asked) -> None:
     """Run agents one after the other."""
     from gridslam import runtime
-    from gridslam.maps.frames import fitted
-    from gridslam.maps.map import Map
-    from gridslam.measurements.first_steps import first_heard
-    from gridslam.runs.notes import lost_makers
-    from gridslam.runs.stopping import held_back
 
-    world, method = asked.world, asked.method
-    takes = taken_by(method_class(method, "--method"))
-    files = files_of(asked, takes)
-    names = agents_of(world, asked.agent, files)
-    by_name = {name or names[0]: path for name, path in files.items()}
-    file = by_name.get(names[0])
-    method = suited_method(method, world, names, list(by_name.values()))
-    system = method_class(method, "--method")
-    require_map_used(asked.map_file, system, method)
-    if file is None and takes == "signal":
-        world.waveform(names[0])
-    how = asked.start_how(file)
+    world, plan = asked.world, Plan.of(asked)
     with (
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
     ):
-        tracks = asked.tracks(names)
-        shared = len(set(by_name.values())) < len(by_name)
-        whose = {name: name if asked.agent else None for name in names}
         with noted() as read:
-            every = {
-                name: recorded(world, by_name.get(name), tracks.get(name), takes, whose[name], shared)
-                for name in names
-            }
-        known = {
-            name: own if asked.steps is None else first_heard(own, asked.steps)
-            for name, own in every.items()
-            if own is not None
-        }
-        refuse_without_distances(world, method, [(by_name[name], own) for name, own in known.items()])
-        prior = Map.load(asked.map_file) if asked.map_file else None
-        given, note = (
-            fitted(prior, world, str(asked.map_file), asked.same_frame) if prior is not None else (None, None)
-        )
-        with view_of(asked, names) as view:
+            known, whole = _recorded(asked, plan)
+        refuse_without_distances(world, plan.method, [(plan.files[name], own) for name, own in known.items()])
+        given, of_map = map_before(asked)
+        with view_of(asked, plan.names) as view:
             runtime.start(asked.device, asked.threads)
-            taken = _taken_note(asked, names, files)
-            other = [simulated_note(world, by_name[name], name, own) for name, own in known.items()]
-            of_map = [note, *lost_makers(asked.map_file)]
-            before = [*filter(None, (*other, *of_map)), *hints(world, method, every[names[0]])]
-            for line in (*place.notes, taken, *before):
-                if line:
-                    err.print(f"note: {line}", highlight=False, markup=False, soft_wrap=True)
-            resolved = {"agent": names, "particles": world.filter.particles, "start": how}
-            earlier = unfinished(asked.context, place, world, system, resolved)
-            turns = Turns(world, method, asked.seed, how, known, given, view, earlier)
-            runs, observations, stopped = _explore(turns, names)
+            other = [simulated_note(world, plan.files[name], name, own) for name, own in known.items()]
+            before = [*filter(None, other), *of_map, *hints(world, plan.method, whole)]
+            tell([*place.notes, _taken_note(asked, plan), *before])
+            resolved = {"agent": plan.names, "particles": world.filter.particles, "start": plan.how}
+            earlier = unfinished(asked.context, place, world, plan.system, resolved)
+            turns = Turns(world, plan.method, asked.seed, plan.how, known, given, view, earlier)
+            runs, observations, stopped = _explore(turns, plan.names)
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
-            notes = [
-                lambda: radio_notes(world) + _height_notes(runs) + jolt_notes(world, runs),
-                lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs),
-                lambda: silence_notes(world, given, runs, observations, asked.map_file),
-            ]
-            if file is not None:
-                notes.append(lambda: fit_notes(world, runs, observations, file, asked.scene))
-            scores, said, lacks = judged(
-                lambda: _scores(world, runs, observations, given, file is None),
-                lambda: [one.score() for one in runs],
-                notes,
-            )
-            if lacks and earlier:
+            done, late = _concluded(asked, plan, given, runs, observations, [*read, *before])
+            if done.lacks and earlier:
                 go_on_later(folder, earlier, termination)
-            with held_back() as late:  # whatever is computed by now is written
-                settings = source([by_name[one.agent] for one in runs if by_name])
-                if asked.map_file is not None:
-                    folder_too = "/".join(asked.map_file.resolve().parts[-2:])  # most are called map.h5
-                    settings["map"] = source([asked.map_file])["source"] | {"file": folder_too}
-                if file is not None:  # nobody knows how exact it is
-                    settings["start"] = "scene"
-                progress = _progress(runs, observations, names)
-                done = Done(
-                    runs,
-                    observations,
-                    scores,
-                    settings,
-                    progress,
-                    notes=said,
-                    before=[*read, *before],
-                    lacks=lacks,
-                )
-            finish(folder, place, world, done, stopped or late.is_set(), termination)
+            finish(folder, place, world, done, stopped or late, termination)
 
 
-def _taken_note(asked: Asked, names: list[str], files: Mapping[str | None, Path]) -> str | None:
-    """Whose a file is taken to be, where nobody said so and the scene has several agents."""
-    others = [agent.name for agent in asked.world.agents if agent.name not in names]
-    if asked.agent or None not in files or not others:
-        return None
-    return (
-        f"{files[None]}: taken for {names[0]}'s, the scene's first agent; else: --agent {' or '.join(others)}"
+def _recorded(asked: Asked, plan: Plan) -> tuple[dict[str, Observations], Observations | None]:
+    """What agents heard where it isn't simulated: of the steps asked for, and all of the first agent's."""
+    from gridslam.measurements.first_steps import first_heard
+
+    tracks = asked.tracks(plan.names)
+    shared = len(set(plan.files.values())) < len(plan.files)
+    every = {
+        name: recorded(
+            asked.world, plan.files.get(name), tracks.get(name), plan.takes,
+            name if asked.agent else None, shared,
+        )
+        for name in plan.names
+    }  # fmt: skip
+    heard = {name: own for name, own in every.items() if own is not None}
+    if asked.steps is not None:
+        heard = {name: first_heard(own, asked.steps) for name, own in heard.items()}
+    return heard, every[plan.names[0]]
+
+
+def _concluded(
+    asked: Asked, plan: Plan, given: Map | None, runs: list[Run], observations: list[Observations],
+    before: list[str],
+) -> tuple[Done, bool]:  # fmt: skip
+    """What the runs came to, with scores and notes, and whether they were asked to stop meanwhile."""
+    from gridslam.runs.stopping import held_back
+
+    world, file = asked.world, plan.first
+    notes = [
+        lambda: radio_notes(world) + height_notes(runs) + jolt_notes(world, runs),
+        lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs),
+        lambda: silence_notes(world, given, runs, observations, asked.map_file),
+    ]
+    if file is not None:
+        notes.append(lambda: fit_notes(world, runs, observations, file, asked.scene))
+    scores, said, lacks = judged(
+        lambda: _scores(world, runs, observations, given, file is None),
+        lambda: [one.score() for one in runs],
+        notes,
     )
+    with held_back() as late:  # whatever is computed by now is written
+        settings = source([plan.files[one.agent] for one in runs if plan.files])
+        if asked.map_file is not None:
+            folder_too = "/".join(asked.map_file.resolve().parts[-2:])  # most are called map.h5
+            settings["map"] = source([asked.map_file])["source"] | {"file": folder_too}
+        if file is not None:  # nobody knows how exact it is
+            settings["start"] = "scene"
+        progress = _progress(runs, observations, plan.names)
+        done = Done(runs, observations, scores, settings, progress, notes=said, before=before, lacks=lacks)
+    return done, late.is_set()
+
+
+def _taken_note(asked: Asked, plan: Plan) -> str | None:
+    """Whose a file is taken to be, where nobody said so and the scene has several agents."""
+    others = [agent.name for agent in asked.world.agents if agent.name not in plan.names]
+    if asked.agent or plan.unsaid is None or not others:
+        return None
+    taken = f"taken for {plan.names[0]}'s, the scene's first agent"
+    return f"{plan.unsaid}: {taken}; else: --agent {' or '.join(others)}"
 
 
 @dataclass(frozen=True)
@@ -275,21 +322,6 @@ def _progress(runs: list[Run], observations: list[Observations], names: list[str
         return f"{len(last.estimates)} of {total} steps of {last.agent}"
     left = names[len(runs) :]
     return f"all {total} steps of {last.agent}, before the last of {left[0]}" if left else ""
-
-
-def _height_notes(runs: list[Run]) -> list[str]:
-    """Heights and coefficients of levels that were estimated, as believed at the end."""
-    levels = [
-        f"{done.agent}: coefficient of the {name} {found:.2f} +-{std:.2f}"
-        for done in runs
-        for name, (found, std) in (done.estimates[-1].coefficients if done.estimates else {}).items()
-    ]
-    return levels + [
-        f"{done.agent}: height of {'the agent' if name == 'agent' else f'the {name}'} "
-        f"{height:.3f} m +-{std:.3f}"
-        for done in runs
-        for name, (height, std) in (done.estimates[-1].heights if done.estimates else {}).items()
-    ]
 
 
 def _scores(
