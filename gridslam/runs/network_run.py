@@ -227,7 +227,7 @@ def map_network(
     with held_back() as asked:
         estimates = done.estimates
         final_map, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
-        if not slam.keeps_grid:
+        if not getattr(slam, "keeps_grid", final_map.observed.any()):
             each = [[one for all_of in estimates if (one := all_of.agents[name])] for name in names]
             final_map = with_stretches(final_map, each, prior_map)
         for name in names:
