@@ -132,14 +132,14 @@ def take_turns(
 
 
 def without_turns(state: NetworkState, agent: int) -> State:
-    """An agent's part; no anchor is taken to be turned while clocks that its pose hangs on are searched for.
+    """An agent's part; no anchor is taken to be turned while its clock is open, or one that its pose needs.
 
-    A wrong clock moves the pose, and from there anchors seem turned.
+    Of an open clock, angles alone choose which path is the line of sight; and a wrong clock moves a pose that
+    needs it, from where all anchors seem turned.
     """
-    part = state.part(agent)
-    if state.clocks.framed and state.clocks.open_to(agent).any():
-        part = replace(part, calibration=part.calibration.unturned())
-    return part
+    part, open_ = state.part(agent), state.clocks.open_to(agent)
+    doubtful = np.full_like(open_, open_.any()) if state.clocks.framed else open_
+    return replace(part, calibration=part.calibration.unturned(doubtful))
 
 
 def turn(
