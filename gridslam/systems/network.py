@@ -24,6 +24,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.mirrors import drop_shared_no_mirrors, weigh_departures
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
 from gridslam.inference.messages.network.clock_ties import challenge_ties
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
@@ -80,6 +81,7 @@ def step(
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state = learn_walk(predicted, state, model)  # (M331)
     state = learn_shared_walks(recalled, state)  # (M361)
+    state = drop_shared_no_mirrors(state)  # (M517)
     state, merging = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(merging)
 
@@ -132,14 +134,14 @@ def take_turns(
 
 
 def without_turns(state: NetworkState, agent: int) -> State:
-    """An agent's part; no anchor is taken to be turned while clocks that its pose hangs on are searched for.
+    """An agent's part; no anchor is taken to be turned while its clock is open, or one that the pose needs.
 
-    A wrong clock moves the pose, and from there anchors seem turned.
+    Of an open clock, angles alone choose which path is the line of sight; and a wrong clock moves a pose that
+    needs it, from where all anchors seem turned.
     """
-    part = state.part(agent)
-    if state.clocks.framed and state.clocks.open_to(agent).any():
-        part = replace(part, calibration=part.calibration.unturned())
-    return part
+    part, open_ = state.part(agent), state.clocks.open_to(agent)
+    doubtful = np.full_like(open_, open_.any()) if state.clocks.framed else open_
+    return replace(part, calibration=part.calibration.unturned(doubtful))
 
 
 def turn(
@@ -166,11 +168,12 @@ def turn(
         births = without_double_bounces(  # (M491)
             births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
-        ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         ratios = without_open_clocks(ratios, paths.rays, network, agent)  # (M496)
+        sure = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
-            state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
+            state, anchor_scan, paths, sure, calibration_used.turned, model, work=work
         )
+        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
         state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)

@@ -20,6 +20,7 @@ from gridslam.inference.messages.cells import cast_paths
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
+from gridslam.inference.messages.mirrors import drop_shared_no_mirrors, weigh_departures
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
 from gridslam.inference.messages.network.clock_ties import challenge_ties
@@ -73,6 +74,7 @@ def step(
     state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
     state = learn_walk(predicted, state, model)  # (M331)
     state = learn_shared_walks(recalled, state)  # (M361)
+    state = drop_shared_no_mirrors(state)  # (M517)
     state, merging = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(merging)
 
@@ -98,11 +100,12 @@ def turn(
         births = without_double_bounces(  # (M491)
             births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
-        ratios = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         ratios = without_open_clocks(ratios, paths.rays, network, agent)  # (M496)
+        sure = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
-            state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
+            state, anchor_scan, paths, sure, calibration_used.turned, model, work=work
         )
+        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)

@@ -11,6 +11,7 @@ from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.world.filter_model import fixed
@@ -68,10 +69,12 @@ class Calibration:
             weight=gain + KEEP_GAIN * (self.weight - gain),
         )
 
-    def unturned(self) -> Self:
-        """With what departures have said of orientations forgotten."""
-        none, stated = np.zeros_like(self.turn), np.full_like(self.turn_weight, TURN_STD**-2)
-        return replace(self, turn=none, turn_weight=stated)
+    def unturned(self, anchors: NDArray[np.bool_]) -> Self:
+        """With what departures have said of the orientations of some anchors (J,) forgotten."""
+        if not anchors.any():
+            return self
+        turn, weight = np.where(anchors, 0.0, self.turn), np.where(anchors, TURN_STD**-2, self.turn_weight)
+        return replace(self, turn=turn, turn_weight=weight)
 
     @cached_property
     def gain(self) -> float:

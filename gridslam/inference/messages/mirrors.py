@@ -14,6 +14,7 @@ from gridslam.arrays import replace
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT, UNMEASURED
@@ -87,7 +88,20 @@ def drop_no_mirrors(state: State, model: FilterModel) -> State:
     return replace(state, corners=corners, surfaces=replace(bank, existence=existence))
 
 
+def drop_shared_no_mirrors(state: NetworkState) -> NetworkState:
+    """As `drop_no_mirrors`, of surfaces that all agents share; births there aren't doubted."""
+    wrong = no_mirrors(state.surfaces)
+    if not wrong.any():
+        return state
+    existence = np.where(wrong, 0.0, state.surfaces.existence)
+    return replace(state, surfaces=replace(state.surfaces, existence=existence))
+
+
 def unweighed(state: State) -> State:
     """The state as if no departure had been weighed: its agent was elsewhere than believed."""
-    bank = replace(state.surfaces, departures=np.zeros_like(state.surfaces.departures))
-    return replace(state, corners=state.corners[:0], surfaces=bank)
+    return replace(state, corners=state.corners[:0], surfaces=unweighed_bank(state.surfaces))
+
+
+def unweighed_bank(bank: SurfaceBank) -> SurfaceBank:
+    """Its surfaces."""
+    return replace(bank, departures=np.zeros_like(bank.departures))

@@ -18,10 +18,11 @@ from gridslam.inference.messages.network.clock_setting import (
     astray,
     challenge_clocks,
     evidence_of,
+    set_clocks,
     witnessed_surfaces,
 )
 from gridslam.inference.state.network.clock_search import CELL_M, ELSEWHERE, NEVER, ClockSearch
-from gridslam.systems.network import NetworkSlam
+from gridslam.systems.network import NetworkSlam, without_turns
 from gridslam.world.clocks import ClockModel
 from gridslam.world.radio import BINS
 from gridslam.world.scan import Scan
@@ -283,3 +284,41 @@ def test_a_clock_that_left_its_prior_is_opened_again():
         known = replace(state, belief=belief, clocks=state.clocks.closed(0))
         after = challenge_clocks(known, [None], slam.model, works=slam.work)
         assert bool(after.clocks.unset[0]) == opened
+
+
+def all_turned(slam):
+    """A slam's state in which departures have said of all anchors that they are turned by 0.1 rad."""
+    record = slam.state.records[0]
+    weight = np.full_like(record.calibration.turn_weight, 1e4)
+    calibration = replace(record.calibration, turn=0.1 * weight, turn_weight=weight)
+    assert np.allclose(calibration.turned, 0.1)
+    return replace(slam.state, records=(replace(record, calibration=calibration),))
+
+
+@pytest.mark.parametrize("agent_prior_ns", [1.0, 50.0])
+def test_anchors_are_not_taken_to_be_turned_while_their_clocks_are_open(agent_prior_ns):
+    """Nor any other, where the agent's own clock hangs on an open one."""
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    whole["filter"]["particles"], whole["clocks"]["agent_prior_ns"] = 100, agent_prior_ns
+    slam = NetworkSlam(gs.Scene.checked(whole, "test"), seed=1, agents=["agent1"])
+    state = all_turned(slam)
+    unset, rows = state.clocks.unset.copy(), state.clocks.rows(state.clocks.frame_of(0))
+    unset[rows] = [False, True, False, False]
+    part = without_turns(replace(state, clocks=replace(state.clocks, unset=unset)), 0)
+    kept = [agent_prior_ns < 2] * 4
+    kept[1] = False
+    assert part.calibration.turned.astype(bool).tolist() == kept
+    unset[rows] = False
+    part = without_turns(replace(state, clocks=replace(state.clocks, unset=unset)), 0)
+    assert part.calibration is state.records[0].calibration
+
+
+def test_what_a_turn_was_learned_by_goes_with_the_clock_that_is_set_anew():
+    scene = gs.Scene.load("exchange").with_filter(particles=100, adapt_particles=False)
+    slam = NetworkSlam(scene, seed=1, agents=["agent1"])
+    state, log = all_turned(slam), slam.state.clocks.log.copy()
+    log[1] = np.where(np.abs(state.clocks.centre) < 0.3, 0.0, NEVER)
+    state = replace(state, clocks=replace(state.clocks, log=log))
+    after = set_clocks(state, [None], slam.model, works=slam.work)
+    assert after.clocks.unset.tolist() == [True, False, True, True]
+    assert after.records[0].calibration.turned.astype(bool).tolist() == [True, False, True, True]

@@ -10,11 +10,18 @@ import gridslam as gs
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
-from gridslam.inference.messages.mirrors import MOST_CORNERS, drop_no_mirrors, no_mirrors, unweighed
+from gridslam.inference.messages.mirrors import (
+    MOST_CORNERS,
+    drop_no_mirrors,
+    drop_shared_no_mirrors,
+    no_mirrors,
+    unweighed,
+)
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.world.scan import Scan
 
+SYSTEMS = [gs.GridSlam, gs.NetworkSlam, gs.NetworkGridSlam]
 WALL = [0.5 * np.pi, 3.0]
 """The line y = 3, which mirrors an anchor at the origin to (0, 6)."""
 
@@ -39,7 +46,7 @@ def test_by_hand():
     assert not no_mirrors(after(np.zeros(1), np.full(1, np.inf)).surfaces).any()
 
 
-def followed(off, steps=12):
+def followed(off, system=gs.GridSlam, steps=12):
     """Of a filter that hears one wall, x = 12, whose paths depart `off` rad beside a mirror's: states."""
     scene = gs.Scene.from_toml(
         "[grid]\nx_m = [-1, 13]\ny_m = [-1, 9]\ncell_m = 0.2\n[radio]\nsnr_at_1m_db = 34\n"
@@ -49,7 +56,7 @@ def followed(off, steps=12):
         "prior = { position_m = 0.01, velocity_mps = 0.01, heading_deg = 1 }\n[filter]\nparticles = 500\n",
         "corner",
     )
-    slam, states = gs.GridSlam(scene, seed=1), []
+    slam, states = system(scene, seed=1), []
     for step in range(steps):
         back, out = np.array([21.0 - 8 + 0.05 * step, -2.5]), np.array([13.0 + 0.05 * step, 2.5])
         values = np.hypot(*back), np.arctan2(out[1], out[0]) + off, np.arctan2(back[1], back[0]) - np.pi
@@ -58,13 +65,14 @@ def followed(off, steps=12):
     return states
 
 
-def test_departures_are_weighed_step_by_step():
-    states = followed(0.0)
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_departures_are_weighed_step_by_step(system):
+    states = followed(0.0, system)
     weights, missed = np.array([state.surfaces.departures[0] for state in states]).T
     assert weights[0] == 0  # what bears a surface doesn't speak for it
     assert (np.diff(weights) > 0).all()
     assert np.abs(missed[1:] / weights[1:]).max() < 0.01
-    assert not len(states[-1].corners)
+    assert system is not gs.GridSlam or not len(states[-1].corners)
 
 
 @pytest.mark.parametrize("off", [-0.3, 0.3])
@@ -75,6 +83,23 @@ def test_a_wall_whose_paths_depart_elsewhere_goes_and_stays_away(off):
     assert 3 < gone < 12
     assert not any(known[gone:])
     assert states[-1].corners[:, 0].tolist() == [0.0]
+
+
+@pytest.mark.parametrize("system", SYSTEMS[1:])
+def test_of_a_network_such_a_wall_goes_too(system):
+    states = followed(0.3, system)
+    assert [len(state.surfaces) for state in states[:4]] == 4 * [1]
+    assert not all(states[0].surfaces.identity[0] in state.surfaces.identity for state in states[4:])
+
+
+def test_surfaces_that_agents_share_go_by_what_all_of_them_weighed():
+    part = after(np.full(16, 0.2), np.full(16, 0.1))
+    slam = gs.NetworkSlam(gs.Scene.load("exchange"), agents=["agent1", "agent2"], seed=1)
+    state = replace(slam.state, surfaces=part.surfaces)
+    assert drop_shared_no_mirrors(state).surfaces.existence.tolist() == [0.0]
+    assert state.surfaces.existence.tolist() == [0.9]
+    state = replace(state, surfaces=unweighed(part).surfaces)
+    assert drop_shared_no_mirrors(state) is state
 
 
 def test_what_is_no_mirror_goes_and_its_image_stays_known():
@@ -158,7 +183,7 @@ particles = 1000
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["grid", "adaptive"])
+@pytest.mark.parametrize("method", ["grid", "adaptive", "network", "network_grid"])
 def test_a_corner_of_unknown_walls_turns_nobody_about_its_anchor(method):
     """Four noises: squared errors over claimed variances, of two dimensions, and no false wall at the end."""
     scene = gs.Scene.from_toml(PLAN, "corner")

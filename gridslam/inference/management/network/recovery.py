@@ -33,6 +33,7 @@ from gridslam.inference.management.poses.pose_recovery import (
     near_paths,
 )
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
+from gridslam.inference.messages.mirrors import unweighed_bank
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_scan
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
@@ -154,6 +155,8 @@ def _recovered(
     if fix is None or not fix.clear or not (fix.better or not lost):
         return state.recorded(agent, unfound)
     state = state.recorded(agent, part.monitor.found_again() if lost else part.monitor)
+    if lost:
+        state = replace(state, surfaces=unweighed_bank(state.surfaces))
     return placed_at(state, agent, fix, float(model.start_variance[2]))
 
 

@@ -50,7 +50,8 @@ def set_clocks(
     search = state.clocks.updated(evidence_of(state, state.clocks.searched, scans, model, works=works))
     belief, first = state.belief, state.belief.layout.devices
     found = _possible(state, search, model.clocks).decided(tells_no_departure(scans))
-    for row, offset in search.surest(found) if search.framed else found:
+    found = search.surest(found) if search.framed else found
+    for row, offset in found:
         frame, anchor = divmod(row, search.anchors)
         if search.framed:  # in which agents' clocks and other frames hang together
             root = agent_clock(belief, frame)
@@ -59,7 +60,21 @@ def set_clocks(
         else:
             belief = belief.independent(int(first[anchor]), offset, SET_VARIANCE)
         search = search.closed(row)
+    state = without_turns_of(state, [row % search.anchors for row, _ in found])
     return loosened(replace(state, belief=belief, clocks=frames_joined(search)))
+
+
+def without_turns_of(state: NetworkState, anchors: Sequence[int]) -> NetworkState:
+    """With no turn of anchors whose clocks are set anew: it was learned by another clock, or by none."""
+    if not anchors:
+        return state
+    known = np.isin(np.arange(state.clocks.anchors), anchors)
+    return replace(
+        state,
+        records=tuple(
+            replace(record, calibration=record.calibration.unturned(known)) for record in state.records
+        ),
+    )
 
 
 def _possible(state: NetworkState, search: ClockSearch, clocks: ClockModel) -> ClockSearch:
