@@ -7,6 +7,8 @@ agent about its anchor by the only thing that doesn't fit: where paths depart.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +22,7 @@ from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT, UNMEASURED
 from gridslam.kernels.primitives.tables import BOUNCES, LAST
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import mirror, wrap
+from gridslam.world.geometry import mirror
 
 AOD = 1
 """Column of what is measured: distance, AoD, AoA."""
@@ -51,18 +53,20 @@ def weigh_departures(
     """
     if state.monitor.astray:
         return state
-    pairs, table = ratios.pairs, paths.rays.table
-    index, pair = pairs.index[: len(pairs)], pairs.pair[: len(pairs)]
-    told = (table[index[:, 0], BOUNCES] == 1) & (pair[:, 3 + AOD] < UNMEASURED)
-    told &= exchange.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT
-    if not told.any():
+    index, pair = ratios.pairs.index[: len(ratios.pairs)], ratios.pairs.pair
+    sure = np.flatnonzero(exchange.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT).tolist()
+    table, value, spread = paths.rays.table, paths.prediction.value, paths.prediction.spread
+    told = [
+        (n, row) for n in sure if table[row := index[n, 0], BOUNCES] == 1 and pair[n, 3 + AOD] < UNMEASURED
+    ]
+    if not told:
         return state
-    row, pair = index[told, 0], pair[told]
-    variance = paths.prediction.spread[row, AOD, AOD] + pair[:, 3 + AOD]
-    missed = wrap(pair[:, AOD] - paths.prediction.value[row, AOD]) / np.sqrt(variance)
-    missed = np.minimum(np.maximum(missed, -MOST_SURPRISED), MOST_SURPRISED)
     departures = state.surfaces.departures.copy()
-    np.add.at(departures, table[row, LAST], np.stack([1 / variance, missed / np.sqrt(variance)], axis=1))
+    for n, row in told:  # a handful: quicker one by one
+        std = math.sqrt(spread[row, AOD, AOD] + pair[n, 3 + AOD])
+        missed = math.remainder(pair[n, AOD] - value[row, AOD], math.tau) / std
+        missed = min(max(missed, -MOST_SURPRISED), MOST_SURPRISED)
+        departures[table[row, LAST]] += std**-2, missed / std
     return replace(state, surfaces=replace(state.surfaces, departures=departures))
 
 
@@ -103,5 +107,5 @@ def unweighed(state: State) -> State:
 
 
 def unweighed_bank(bank: SurfaceBank) -> SurfaceBank:
-    """Its surfaces."""
+    """The surfaces of such a state."""
     return replace(bank, departures=np.zeros_like(bank.departures))
