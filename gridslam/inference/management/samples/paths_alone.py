@@ -63,6 +63,7 @@ def mapped(
 
 
 def _terms(state: State, anchor: int, scan: SignalScan, model: SignalModel, work: Workspace) -> SnapshotTerms:
+    """Paths of one anchor's snapshot, as if nothing were known, to score poses by."""
     state = start_noise(state, anchor, scan, model)
     assert state.noise is not None
     band: ArrayBand = work.buffers(ArrayBand.of, anchor, model.waveform, anchor)
