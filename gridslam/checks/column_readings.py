@@ -11,7 +11,7 @@ from gridslam.checks.fit import least_share, settled
 from gridslam.checks.line_of_sight_filter import Sight, explain, turning_rad
 from gridslam.checks.rivals import ALIKE, CERTAIN, CLEAR, EXPLAINED, MOST_BEHIND, STRAIGHT_RAD
 from gridslam.checks.start_search import one_in_sight
-from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion, finite, readings
+from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, IN_WORLD, Suspicion, finite, readings
 from gridslam.world.columns import OPTIONAL, Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
@@ -21,6 +21,8 @@ ENOUGH = 10.0
 LEG_M, SMOOTHED = 1.0, 10
 """Legs of a way by which its course is told where it isn't well known, and steps over which places are
 averaged first."""
+CLOCKWISE_AND_NORTH = {("aod_rad", "flipped"), ("aoa_rad", "compass")}
+"""Columns and kinds of readings that are bearings of both angles, if every anchor in sight faces north."""
 GAINED = 0.1
 """Share of scans that another reading must explain beyond those that the column explains as it stands."""
 
@@ -61,7 +63,7 @@ class Way:
     @property
     def in_world(self) -> bool:
         """Whether arrivals are taken as directions in the world, of which the table knows nothing."""
-        return any((one.column, one.kind) == ("aoa_rad", "world frame") for one in self.read)
+        return any((one.column, one.kind) in IN_WORLD for one in self.read)
 
     def suspicions(self, table: Columns, scene: Scene, agent: str | None) -> list[Suspicion]:
         """What is wrong with a table as it stands; nothing if the cured one doesn't fit either."""
@@ -118,6 +120,12 @@ def likeliest_way(table: Columns, scene: Scene, agent: str | None, plain: Sight)
         return best  # about one anchor, with nobody knowing when it is hidden, two errors explain anything
     if len(together.read) > 1 and together.sight.evidence > needed:
         best = together
+    bearings = _bearings(table, scene, agent)
+    if bearings is not None and bearings.sight.explained >= least_share(scene):
+        # about an anchor that faces north, departures that are counted clockwise are the same
+        like = {(one.column, one.kind) for one in best.read} == CLOCKWISE_AND_NORTH
+        needed = best.sight.evidence + (-CERTAIN if like else CLEAR) if best.read else least
+        best = bearings if bearings.sight.evidence > needed else best
     mirrored = _mirrored(table, scene, agent)
     needed = best.sight.evidence + CLEAR if best.read else least
     if mirrored is None or mirrored.sight.explained < least_share(scene):
@@ -132,6 +140,21 @@ def _mirrored(table: Columns, scene: Scene, agent: str | None) -> Way | None:
         return None
     read = table | {name: -table[name] for name in ANGLES}
     return Way((Reading("aod_rad", "mirrored"),), read, explain(read, scene, agent))
+
+
+def _bearings(table: Columns, scene: Scene, agent: str | None) -> Way | None:
+    """Both angles as compass bearings; None where they aren't both measured.
+
+    One after the other they may fit as something else: departures from an anchor that faces north are then
+    counted clockwise, and arrivals agree with a heading that turns as the agent passes by.
+    """
+    if not all(len(finite(table, name)) for name in ANGLES):
+        return None
+    north = 0.5 * np.pi
+    leaving = north - table["aod_rad"] - scene.anchor_orientations[table["anchor"]]
+    read = table | {"aod_rad": wrap(leaving), "aoa_rad": wrap(north - table["aoa_rad"])}
+    both = tuple(Reading(name, "compass") for name in ANGLES)
+    return Way(both, read, explain(read, scene, agent, True))
 
 
 def rival_of_start(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> Way:
@@ -162,9 +185,9 @@ def _each_alone(table: Columns, scene: Scene, agent: str | None) -> list[Way]:
             read = table | {name: reading(table[name], table["anchor"])}
             if kind == "swapped":
                 read["aoa_rad"] = table["aod_rad"]
-            world = name == "aoa_rad" and kind == "world frame"
-            sight = explain(read, scene, agent, world)
-            if not (world and _straight_along_x(sight, table, scene, agent)):
+            sight = explain(read, scene, agent, (name, kind) in IN_WORLD)
+            as_if = name == "aoa_rad" and kind == "world frame"
+            if not (as_if and _straight_along_x(sight, table, scene, agent)):
                 found.append(Way((Reading(name, kind),), read, sight))
     return found
 
@@ -222,7 +245,7 @@ def _one_by_one(table: Columns, scene: Scene, agent: str | None) -> Way:
         others = dict[str, tuple[Array, Sight]]()
         if plain.explained < EXPLAINED:
             for kind, reading in readings(name, scene, rest).items():
-                world = name == "aoa_rad" and kind == "world frame"
+                world = (name, kind) in IN_WORLD
                 values = reading(rest[name], table["anchor"])
                 other = explain(trusted | {name: values}, scene, agent, world)
                 gained = other.explained >= plain.explained + GAINED or world

@@ -10,7 +10,7 @@ from gridslam.checks.fit import FITTING, least_share
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain
 from gridslam.checks.rivals import CLEAR, EXPLAINED, FAIR_CROWD, both_measured
 from gridslam.checks.start_search import one_in_sight
-from gridslam.checks.unit_hypotheses import Suspicion
+from gridslam.checks.unit_hypotheses import IN_WORLD, Suspicion
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
@@ -83,8 +83,9 @@ def upheld(
     if not found:
         best = followed(table, scene, agent, plain)
         return best if best.explained >= least_share(scene) else None
-    world = ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}
-    whole = read | {"aoa_rad": table["aoa_rad"]} if world else read
+    kinds = {(item.column, item.kind) for item in found}
+    world = bool(kinds & IN_WORLD)
+    whole = read | {"aoa_rad": table["aoa_rad"]} if ("aoa_rad", "world frame") in kinds else read
     most = -np.inf
     for way in (*WAYS, *([] if both_measured(table) else [FAIR])):
         own = explain(table, scene, agent, **way)

@@ -90,7 +90,7 @@ def _judged(columns: Columns, scene: Scene, name: str) -> Device:
     if len(table["step"]):
         found += against_scene(table, scene, name, {item.column for item in plain})
     # by angles alone, directions in the world fit many a straight way nearly as well
-    doubtful = () if len(finite(columns, "distance_m")) else ("world frame",)
+    doubtful = () if len(finite(columns, "distance_m")) else ("world frame", "compass")
     own = [_of_several(item) for item in found if item.certain or item.kind not in doubtful]
     place = np.arange(len(scene.anchors))
     return Device(name, own, "" if own else verdict(table, place, scene, name))

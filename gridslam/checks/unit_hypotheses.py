@@ -19,6 +19,8 @@ from gridslam.world.scene import Scene
 Reading = Callable[[Array, NDArray], Array]
 ANGLES = ("aod_rad", "aoa_rad")
 FOOT_M = 0.3048
+IN_WORLD = {("aoa_rad", "world frame"), ("aoa_rad", "compass")}
+"""Columns and kinds of readings by which arrivals are directions in the world, which no heading turns."""
 LEAST_OFF_RAD = np.radians(10.0)
 """Off north from which on an anchor tells bearings from angles that are counted clockwise."""
 
@@ -79,9 +81,13 @@ ADVICE = {
     ),
     "world frame of departure": "directions in the world; the anchor's orientation must be subtracted",
     "world frame of arrival": "directions in the world; the agent's heading must be subtracted",
-    "compass": (
+    "compass of departure": (
         "directions in the world, counted clockwise from north (compass bearings), where the angle from the "
         "anchor's orientation, counter-clockwise, belongs"
+    ),
+    "compass of arrival": (
+        "directions in the world, counted clockwise from north (compass bearings), where the angle from the "
+        "agent's heading, counter-clockwise, belongs"
     ),
     "backwards": "the direction of travel, where the direction towards where the path comes from belongs",
     "swapped": "exchanged with the other angle: departure is at the anchor, arrival at the agent",
@@ -154,6 +160,7 @@ def readings(name: str, scene: Scene, table: Columns) -> dict[str, Reading]:
             readings["swapped"] = lambda values, _: table["aoa_rad"]
     else:
         readings["world frame"] = lambda values, _: values
+        readings["compass"] = lambda values, _: wrap(0.5 * np.pi - values)
     return readings
 
 

@@ -24,22 +24,28 @@ def test_compass_bearings_are_named_as_such():
     """Read clockwise they fit a start that faces north."""
     table = arriving(lambda own, facing: np.pi / 2 - own - facing)
     (found,) = suspected(table, lab(NAMES, walls=True, start_heading_deg=90.0))
-    assert (found.column, found.kind) == ("aoa_rad", "world frame")
+    assert (found.column, found.kind) == ("aoa_rad", "compass")
     assert "clockwise from north (compass bearings)" in found.text
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("both", [False, True])
-def test_compass_bearings_of_departure_are_named_too(both):
-    scene = short("alcove", 100)
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [("alcove", ("aod_rad",))]
+    + [(name, ("aod_rad", "aoa_rad")) for name in ("alcove", "hall", "pillars")]
+    + [(name, ("aoa_rad",)) for name in ("hall", "canyon")],
+)
+def test_compass_bearings_are_named_of_either_angle_and_of_both(name, wrong):
+    """Also where one anchor is in sight that faces north: departures then fit counted clockwise as well."""
+    scene = short(name, 100)
     table = gs.simulate(scene, "agent1", 1)
-    facing = scene.track("agent1").heading_rad[table.step]
-    leaving = np.pi / 2 - table.aod_rad - scene.anchor_orientations[table.anchor]
-    wrong = {"aod_rad": wrap(leaving)} | (
-        {"aoa_rad": wrap(np.pi / 2 - table.aoa_rad - facing)} if both else {}
-    )
-    found = suspicions(dict(table.columns) | wrong, table.anchors, scene, "agent1")
-    assert [item.column for item in found] == ["aod_rad", "aoa_rad"][: 1 + both]
+    bearings = {
+        "aod_rad": table.aod_rad + scene.anchor_orientations[table.anchor],
+        "aoa_rad": table.aoa_rad + scene.track("agent1").heading_rad[table.step],
+    }
+    read = dict(table.columns) | {column: wrap(np.pi / 2 - bearings[column]) for column in wrong}
+    found = suspicions(read, table.anchors, scene, "agent1")
+    assert [item.column for item in found] == list(wrong)
     assert all("clockwise from north (compass bearings)" in item.text for item in found)
 
 
