@@ -6,6 +6,8 @@ region that is mapped, and seldom the same for all anchors.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from gridslam.arrays import Array
@@ -25,6 +27,7 @@ FEWEST = 30
 """Scans that must be judged."""
 FAINTER_DB = 2.0
 """How much fainter a device may be than the other; two bounces take 3 dB at least, but of metal."""
+TEXT = "rows of two devices in one table; say whose each row is, in a column agent, or make two files"
 
 
 def second_device(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> list[Suspicion]:
@@ -45,28 +48,47 @@ def second_device(table: Columns, scene: Scene, agent: str | None, sight: Sight)
     left = np.ones(len(table["step"]), bool)
     left[sight.row[sight.probability > CLAIMED]] = False
     rest: Columns = {name: values[left] for name, values in table.items()}
+    for begun, other in _others(rest, scene, agent):
+        if (
+            _is_a_device(rest, other, scene)
+            and _apart(other, sight)
+            and (_level_db(rest, other) >= _level_db(table, sight) - FAINTER_DB)
+        ):
+            x, y = other.position_m[0]
+            reason = (
+                f"without the lines of sight of {agent}, {other.explained:.0%} of {other.judged} hold one "
+                f"of a device that begins near ({x:.1f}, {y:.1f}) m{begun}"
+            )
+            return [Suspicion("agent", "second device", TEXT, False, reason)]
+    return []
+
+
+def _others(rest: Columns, scene: Scene, agent: str) -> Iterator[tuple[str, Sight]]:
+    """What is explained of a table's rest from where the scene's other agents begin, and from anywhere.
+
+    With what is to be said of that beginning. Where many rows are left, particles that begin anywhere follow
+    reflections rather.
+    """
+    for body in scene.agents:
+        if body.name != agent:
+            yield f", as {body.name} does", explain(rest, scene, body.name)
     starts = proposed_starts(rest, scene, agent)
-    if not len(starts):
-        return []
-    other = explain(rest, scene, agent, starts=starts)
+    if len(starts):
+        yield "", explain(rest, scene, agent, starts=starts)
+
+
+def _is_a_device(rest: Columns, other: Sight, scene: Scene) -> bool:
+    """Whether lines of sight of two anchors at least are heard all along, in the region, past walls."""
     agreeing = np.nan_to_num(other.shares) >= LEAST
-    if other.explained < LEAST or agreeing.sum() < 2 or other.scans < FEWEST:
-        return []
-    together = min(len(sight.position_m), len(other.position_m))
-    gap = np.linalg.norm(sight.position_m[:together] - other.position_m[:together], axis=1)
-    if np.median(gap) < APART_M or _inside(other.position_m, scene) < INSIDE:
-        return []
-    if through_walls(rest, other, scene):
-        return []
-    if _level_db(rest, other) < _level_db(table, sight) - FAINTER_DB:
-        return []
-    x, y = other.position_m[0]
-    reason = (
-        f"without the lines of sight of {agent}, {other.explained:.0%} of {other.judged} hold one of a "
-        f"device that begins near ({x:.1f}, {y:.1f}) m"
-    )
-    text = "rows of two devices in one table; say whose each row is, in a column agent, or make two files"
-    return [Suspicion("agent", "second device", text, False, reason)]
+    enough = other.explained >= LEAST and agreeing.sum() >= 2 and other.scans >= FEWEST
+    return enough and _inside(other.position_m, scene) >= INSIDE and not through_walls(rest, other, scene)
+
+
+def _apart(one: Sight, other: Sight) -> bool:
+    """Whether two ways are those of two devices."""
+    together = min(len(one.position_m), len(other.position_m))
+    gap = np.linalg.norm(one.position_m[:together] - other.position_m[:together], axis=1)
+    return bool(np.median(gap) >= APART_M)
 
 
 def _inside(position: Array, scene: Scene) -> float:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import short
 from workshop import workshop
 
 import gridslam as gs
@@ -49,3 +50,15 @@ def test_a_device_that_the_scene_knows_is_told_by_name():
     (one,) = suspicions(both.columns, both.anchors, workshop(), "r2")
     assert (one.column, one.kind, one.certain) == ("agent", "second device", True)
     assert one.text.startswith("rows of two devices, r2 and r1, in one table")
+
+
+@pytest.mark.slow
+def test_the_scenes_other_agent_is_told_of_among_many_reflections():
+    """Where so many rows are left that no one of them tells where a device could begin."""
+    scene = short("canyon", 60)
+    both = gs.simulate(scene, ["agent1", "agent2"], 1)
+    (one,) = suspicions(both.table.columns, both.table.anchors, scene, "agent1")
+    assert (one.kind, one.certain) == ("second device", False)
+    assert "begins near (-6.0, -5.3) m, as agent2 does" in one.reason
+    for name in ("agent1", "agent2"):
+        assert suspicions(both[name].columns, both[name].anchors, scene, name) == []
