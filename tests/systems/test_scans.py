@@ -110,9 +110,9 @@ def test_a_scene_without_agents_is_refused(method):
         method_class(method)(gs.Scene.checked({**data, "agents": []}, "room"))
 
 
-def loud_scan(count):
+def loud_scan(count, first=SCANS[0]):
     """What one anchor's line of sight and `count` other loud paths from anywhere would be heard as."""
-    draw, first = np.random.default_rng(1), SCANS[0]
+    draw = np.random.default_rng(1 + first.step)
     more = (
         np.zeros(count, np.intp), draw.uniform(1, 20, count), *draw.uniform(-3, 3, (2, count)),
         draw.uniform(5, 20, count),
@@ -147,6 +147,18 @@ def test_too_many_loud_paths_cost_little_memory_and_are_told():
     assert not estimate.health.ok
     assert np.isfinite(estimate.covariance).all()
     assert "propose" not in gs.GridSlam(vague, seed=1).step(SCANS[0]).health.why
+
+
+@pytest.mark.slow
+def test_so_many_loud_paths_as_fit_anywhere_move_nobody_and_are_told():
+    """Any place explains some of them: the agent used to be moved by metres, in steps of 20 s."""
+    slam, track = gs.GridSlam(SCENE, seed=1), SCENE.track("agent1")
+    for step in range(8):
+        estimate = slam.step(SCANS[step] if step < 3 else loud_scan(500, SCANS[step]))
+        assert np.linalg.norm(estimate.position_m - track.position_m[step]) < 0.1
+        told = "so many fit anywhere: no other place is compared" in estimate.health.why
+        assert told == (step >= 3)
+    assert len(estimate.hypotheses.weight) == 1
 
 
 @pytest.mark.slow

@@ -32,6 +32,8 @@ LISTENED = 2.0
 """Steps of listening to an anchor, with forgetting, from which on its clutter is judged."""
 MOST_LOUD = 30
 """The loudest of an anchor, which propose poses where the agent is looked for."""
+SWAMPED = 150
+"""Loud measurements of one anchor beyond which a scan fits nearly any place, so that no place is compared."""
 AFRESH, ENOUGH, UNCERTAIN = 5, 4, 20
 """Steps for which a recovery is reported; loud measurements needed to call the agent lost, and, over some ten
 steps, to call it found; scans of fewer after which it no longer counts as lost."""
@@ -226,7 +228,7 @@ class HealthMonitor:
         if effective < FEW and model.settings.representation == "particles":
             found.append(reasons.few_particles(effective))
         if self.crowd:
-            found.append(reasons.crowded(self.crowd, MOST_LOUD))
+            found.append(reasons.crowded(self.crowd, MOST_LOUD, self.crowd <= SWAMPED))
         if self.dropped:
             found.append(reasons.left_out(self.dropped))
         health = Health(

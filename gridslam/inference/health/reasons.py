@@ -88,9 +88,10 @@ def few_particles(effective: float) -> str:
     return f"{effective:.0f} particles carry the weight"
 
 
-def crowded(count: int, proposing: int) -> str:
-    """So many loud measurements that not all propose where the agent may be."""
-    return f"{count} loud paths of one anchor: {proposing} of them propose poses"
+def crowded(count: int, proposing: int, tells: bool = True) -> str:
+    """So many loud measurements that not all propose where the agent may be, or that they fit anywhere."""
+    more = "" if tells else ", and so many fit anywhere: no other place is compared"
+    return f"{count} loud paths of one anchor: {proposing} of them propose poses{more}"
 
 
 def left_out(count: int) -> str:

@@ -13,12 +13,12 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health.doubt import ONE_ALONE, Doubt
-from gridslam.inference.health.monitor import SILENT
+from gridslam.inference.health.monitor import SILENT, SWAMPED
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.free_turn import ANY
 from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.poses.pose_fix import Sources, known_sources
-from gridslam.inference.management.poses.pose_recovery import freed, leap
+from gridslam.inference.management.poses.pose_recovery import crowd, freed, leap
 from gridslam.inference.management.poses.pose_score import Snapshot
 from gridslam.inference.management.poses.pose_search import (
     POSE,
@@ -113,6 +113,8 @@ def _compared(
 ) -> Doubt:
     """The watch after a scan that holds something."""
     scans = work.once(split_by_anchor, scan, model)
+    if crowd(scans) > SWAMPED:
+        return watch
     loud, due = loud_of(scans, model), state.step % EVERY == 0
     compares = loud > 0 and (due or watch.is_urgent(evidence(), loud))
     if not (compares or watch.unproven):
@@ -158,6 +160,8 @@ def challenged(
     if not population.watch.doubtful or not due or not len(scan):
         return population
     scans, stream = work.once(split_by_anchor, scan, model), [work.seed, state.step, PURPOSE]
+    if crowd(scans) > SWAMPED:
+        return population
     alone = snapshot_of(scans, state, model)
     modes = find_modes(alone, anywhere(state, model), model.grid, LISTED, stream, POSES)
     if population.watch.unproven and modes.complete and near(modes.pose, state.belief.mean[POSE]).all():

@@ -14,7 +14,7 @@ from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import AGENT, HEADING
-from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD
+from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD, SWAMPED
 from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.mirrors import unweighed
@@ -52,6 +52,8 @@ def recover_pose(
     vague = is_vague(state.belief)
     if not work.recovers or state.samples is not None or (count < ENOUGH and not vague):
         return state
+    if crowd(scans) > SWAMPED:  # health says so, whether the agent is looked for or not
+        state = replace(state, monitor=replace(state.monitor, crowd=crowd(scans)))
     near = near_paths(scans, state, model)
     if state.monitor.is_lost(count, near):
         near = near_any_path(scans, state, model, work=work)
