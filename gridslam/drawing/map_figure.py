@@ -46,6 +46,8 @@ LAYOUTS = 2
 """Times that a figure is laid out: ticks change with the size of the axes, and the axes with the ticks."""
 OUTLINE, BAND = 0.8, 1.8
 """Widths of true walls, points: as a line, and as a pale outline on which surfaces found are seen."""
+SPOT = 0.01
+"""Of the larger side of what is shown: shorter stretches have a dot, or nobody would see them."""
 NEAREST: dict[str, Any] = {"interpolation": "nearest", "interpolation_stage": "data"}
 """Cells as they are; the other stage makes four doubles of every cell before it picks those that are seen."""
 
@@ -293,26 +295,26 @@ def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) ->
     if table is None:
         return
     doubt = "not in cells" if grid.observed.any() else "hardly hit"
-    none = np.zeros(len(table), bool)
-    wrong = none if false is None else false
+    wrong = np.zeros(len(table), bool) if false is None else false
     bare = np.setdiff1d(np.arange(len(table)), walls.surface)
     (left, bottom), (right, top) = zip(axes.get_xlim(), axes.get_ylim(), strict=True)
-    far = 2 * float(np.abs([left, right, bottom, top]).max())
+    far, wide = 2 * float(np.abs([left, right, bottom, top]).max()), max(right - left, top - bottom)
     extent = np.where(np.isfinite(table.extent_m[bare]), table.extent_m[bare], [-far, far])
     angle, offset = table.line[bare].T
     foot, along = offset[:, None] * unit(angle), unit(angle + 0.5 * np.pi)
     lines = foot[:, None] + extent[:, :, None] * along[:, None]
-    sets = ((walls.ends_m, walls.surface, False), (lines, bare, True))
-    for ends, rows, dotted in sets:
+    for ends, rows, dotted in ((walls.ends_m, walls.surface, False), (lines, bare, True)):
         for mine, color, width, label in (
             (~wrong[rows], ORANGE, 1.0, "surfaces found" if dotted else found_label(grid)),
             (wrong[rows], PURPLE, 1.6, "found where none is"),
         ):
             if mine.any() or (color == ORANGE and not dotted):
-                title = f"{label}, {doubt}" if dotted else label
                 pieces = LineCollection(list(ends[mine]), colors=color, linewidths=width, zorder=3)
-                pieces.set(label=title, linestyle=(0, (1, 1.5)) if dotted else (0, (4, 2)))
+                pieces.set(linestyle=(0, (1, 1.5)) if dotted else (0, (4, 2)))
+                pieces.set_label(f"{label}, {doubt}" if dotted else label)
                 axes.add_collection(pieces)
+                spots = mine & (np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SPOT * wide)
+                axes.plot(*ends[spots].mean(1).T, "o", ms=2.5 * width, color=color, zorder=3)
 
 
 def found_label(grid: Cells) -> str:

@@ -13,7 +13,7 @@ from tiny import TINY
 
 import gridslam as gs
 from gridslam.drawing.anchor_labels import side_of
-from gridslam.drawing.map_figure import FORMATS, draw_map, encoded
+from gridslam.drawing.map_figure import FORMATS, PURPLE, draw_map, encoded
 from gridslam.drawing.widths import COLUMN_IN
 
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
@@ -134,6 +134,19 @@ def test_false_surfaces_are_drawn_each_and_told_from_others(run):
         ends = np.concatenate(own[label].get_segments())
         np.testing.assert_allclose(ends @ [np.cos(angle), np.sin(angle)], offset, atol=1e-9)
     assert not any("none is" in item.get_label() for item in run.plot().axes[0].collections)
+
+
+def test_a_surface_that_was_hit_at_one_place_has_a_dot(run):
+    """A line of no length is none on paper, though the table counts it and the legend speaks of it."""
+    table = run.map.surfaces
+    false = np.arange(len(table)) == 0
+    extent = np.where(false[:, None], table.extent_m.mean(1, keepdims=True), table.extent_m)
+    grid = replace(run.map, surfaces=replace(table, extent_m=extent))
+    (axes,) = draw_map(grid, run.scene, false=false).axes
+    (pink,) = (item for item in axes.collections if "none is" in item.get_label())
+    dots = [line for line in axes.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    own = [line for line in dots if line.get_color() == PURPLE]
+    np.testing.assert_allclose(own[0].get_xydata(), [pink.get_segments()[0].mean(0)])
 
 
 def test_false_surfaces_are_those_at_no_wall_whoever_heard_it(run):
