@@ -280,8 +280,7 @@ def true_walls(axes: Axes, scene: Scene, color: str, width: float, alpha: float 
 
 def scatterers(axes: Axes, scene: Scene, color: str) -> None:
     """The scene's scatterers as rings."""
-    place = scene.scatterer_positions
-    if len(place):
+    if len(place := scene.scatterer_positions):
         style: dict[str, Any] = {"color": color, "mfc": "none", "ms": 3, "mew": 0.6, "zorder": 1}
         axes.plot(*place.T, "o", ls="", label="true scatterers", **style)
 
