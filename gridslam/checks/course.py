@@ -27,6 +27,8 @@ ASIDE, BACKWARDS = np.radians(30.0), np.radians(150.0)
 STEADY, STILL, BENT = 0.95, 0.99, 0.9
 """Mean resultant lengths: of that angle where it is the same all the way (18 degrees), of a heading that
 stays (8 degrees), and of courses that turn (a quarter of a turn, evenly)."""
+HEADING, VAGUE_RAD = 4, np.radians(20.0)
+"""Place of the heading in an estimate's covariance, and its deviation from which on nothing tells it."""
 SURE = 0.7
 """Probability from which on a row is taken for a line of sight."""
 
@@ -89,10 +91,10 @@ def course_note(estimates: Sequence[Estimate]) -> str | None:
     Parameters
     ----------
     estimates : sequence of Estimate
-        Of all steps of a run; without headings nothing is said.
+        Of all steps of a run; without headings that are known nothing is said.
     """
     place = np.array([one.position_m[:2] for one in estimates]).reshape(-1, 2)
-    heading = np.array([np.nan if one.heading_rad is None else one.heading_rad for one in estimates])
+    heading = np.array([_known_heading(one) for one in estimates])
     spread = [np.sqrt(np.trace(one.covariance[:2, :2])) for one in estimates]
     course = Course.of(place, heading, max(LEG_M, LEG_DEVIATIONS * float(np.median(spread or [0.0]))))
     if course is None:
@@ -106,6 +108,14 @@ def course_note(estimates: Sequence[Estimate]) -> str | None:
             "the world's frame, and not in the agent's"
         )
     return None
+
+
+def _known_heading(estimate: Estimate) -> float:
+    """Heading of an estimate, rad; NaN where it has none, or nothing tells it, as of distances alone."""
+    own, covariance = estimate.heading_rad, estimate.covariance
+    if own is None or (len(covariance) > HEADING and covariance[HEADING, HEADING] > VAGUE_RAD**2):
+        return np.nan
+    return own
 
 
 def aside_words(turn_rad: float) -> str:

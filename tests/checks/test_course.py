@@ -39,6 +39,14 @@ def test_who_never_does_is_told_how_it_goes(turn, words):
     assert words in course_note(followed(LOOP, AHEAD + np.radians(turn)))
 
 
+def test_a_heading_that_nothing_tells_says_nothing_of_arrays():
+    """Of distances alone: a run that was lost "went to its right all the way"."""
+    estimates = followed(LOOP, AHEAD + np.radians(60))
+    for one in estimates[1:]:
+        one.covariance[4, 4] = 0.5**2
+    assert course_note(estimates) is None
+
+
 def test_a_heading_that_stays_on_a_way_that_bends_is_of_the_world():
     assert "world's frame" in course_note(followed(LOOP, np.full(120, 1.4)))
 
