@@ -23,6 +23,9 @@ LEG_M, SMOOTHED = 1.0, 10
 averaged first."""
 CLOCKWISE_AND_NORTH = {("aod_rad", "flipped"), ("aoa_rad", "compass")}
 """Columns and kinds of readings that are bearings of both angles, if every anchor in sight faces north."""
+NEARLY, MISSED = 0.9, 0.5
+"""Share of scans that a column explains above which no reading explains far more; and share, of those that it
+leaves over, which such a reading may leave."""
 GAINED = 0.1
 """Share of scans that another reading must explain beyond those that the column explains as it stands."""
 
@@ -109,7 +112,7 @@ def likeliest_way(table: Columns, scene: Scene, agent: str | None, plain: Sight)
     asis = Way((), table, plain)
     if plain.explained >= EXPLAINED:
         world = _world_frame(table, scene, agent, plain)
-        return world or asis
+        return world or _far_better(table, scene, agent, plain) or asis
     alone = _each_alone(table, scene, agent)
     least = max(plain.evidence + CERTAIN, CERTAIN)
     fair = [way for way in alone if way.sight.evidence > least and way.sight.explained >= least_share(scene)]
@@ -132,6 +135,20 @@ def likeliest_way(table: Columns, scene: Scene, agent: str | None, plain: Sight)
         return best
     both = {(one.column, one.kind) for one in best.read} == {(name, "flipped") for name in ANGLES}
     return mirrored if both or mirrored.sight.evidence > needed else best
+
+
+def _far_better(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> Way | None:
+    """One column's other reading that explains far more than a table that nearly fits as it stands.
+
+    Along a wall arrivals of the other sense pass for the agent's, whose heading then turns as it goes by, and
+    only one anchor of several shows that they are wrong.
+    """
+    if not scene.walls or plain.explained > NEARLY:
+        return None
+    least = plain.evidence + 2 * CERTAIN
+    ways = [way for way in _each_alone(table, scene, agent) if way.sight.evidence > least]
+    fair = [way for way in ways if 1.0 - way.sight.explained <= MISSED * (1.0 - plain.explained)]
+    return _with_rivals(fair, scene) if fair else None
 
 
 def _mirrored(table: Columns, scene: Scene, agent: str | None) -> Way | None:
