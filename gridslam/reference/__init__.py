@@ -24,11 +24,11 @@ from gridslam.reference.feature_likelihood import (
     evaluate_features,
 )
 from gridslam.reference.feature_paths import multiply_paths, place_paths, slope_paths
-from gridslam.reference.gaussian import bend, correct, late, predict, tall
+from gridslam.reference.gaussian import bend, correct, late, of_length, predict, tall
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.line_evidence import weigh_lines
 from gridslam.reference.merging import find_duplicates, find_ghosts
-from gridslam.reference.messages import associate, enter, evaluate, gate, log_rician, weigh
+from gridslam.reference.messages import associate, enter, evaluate, gate, length_given, log_rician, weigh
 from gridslam.reference.particle_densities import weigh_particles
 from gridslam.reference.paths import densities, draw, lines_of, polylines, prepare, trace_paths
 from gridslam.reference.rays import list_paths, near
@@ -73,6 +73,7 @@ __all__ = [
     "late",
     "learn",
     "learn_ratios",
+    "length_given",
     "likely",
     "lines_of",
     "list_paths",
@@ -81,6 +82,7 @@ __all__ = [
     "mark",
     "multiply_paths",
     "near",
+    "of_length",
     "place_paths",
     "polylines",
     "predict",

@@ -67,6 +67,16 @@ def predict(
     return value, slope, slope @ covariance @ slope.transpose(0, 2, 1)
 
 
+def of_length(slope: Array, covariance: Array, head: int, places: Array) -> tuple[Array, Array]:
+    """Variance of lengths, and their covariance with distances of slope (L, N); 0 where clocks are known."""
+    if not clocked(head, places):
+        return np.zeros(len(slope)), np.zeros(len(slope))
+    own = slope.copy()
+    own[:, AGENT:head] = 0.0
+    pushed = own @ covariance
+    return (pushed * own).sum(1), (pushed * slope).sum(1)
+
+
 def bend(mean: Array, covariance: Array, place: Array, height: float) -> tuple[Array, Array]:
     """Twin of `gaussian.bend_of`: by the second derivatives of length and angles by x and y, (2, 2) each."""
     away = mean[:2] - place[:2]

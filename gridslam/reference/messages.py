@@ -20,9 +20,9 @@ NEVER = 1e-30
 """Likelihood below which the mean amplitude is that of the belief."""
 
 
-def log_rician(measured: Array, amplitude: Array, samples: float) -> Array:
-    """Log density of a measured amplitude, not truncated."""
-    variance = 0.5 + amplitude**2 / (4 * samples)
+def log_rician(measured: Array, amplitude: Array, samples: float, unsure: Array | float = 0.0) -> Array:
+    """Log density of a measured amplitude, not truncated, which is known to a share `unsure` of it."""
+    variance = 0.5 + amplitude**2 / (4 * samples) + np.square(unsure) * measured * amplitude
     gap = measured - amplitude
     bessel = np.log(i0e(measured * amplitude / variance))
     return np.asarray(np.log(measured / variance) - gap**2 / (2 * variance) + bessel)
@@ -51,25 +51,35 @@ def deviations(amplitude: Array, angles: Array, radio: Array, steep: Array | flo
     return std
 
 
+def length_given(predicted: Array, distance: Array | float, variance: Array) -> Array:
+    """Twin of `amplitudes.length_given`: lengths and shares, (L, 2)."""
+    length, unclear, learnt = predicted[:, 12:].T
+    clear = unclear - learnt**2 / np.maximum(predicted[:, 3], 1e-12) <= (0.01 * length) ** 2
+    gain = np.where(clear, 1.0, learnt / (predicted[:, 3] + variance))
+    left = np.where(clear, 0.0, np.sqrt(np.maximum(unclear - gain * learnt, 0.0)))
+    length = np.maximum(length + gain * (distance - predicted[:, 0]), np.maximum(left, 1e-3))
+    return np.stack([length, left / length], -1)
+
+
 def weigh(
     belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, worth: Array,
     scan: Array, chance: Array, step: float, radio: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Twin of `amplitudes.weigh`: detection probability (L,), and strength (2, L, M)."""
-    ranged, late = scan[:, 3] >= 0, predicted[:, 0] - predicted[:, 12]
-    loud = scan[:, 6] >= 0
-    own = nodes / np.maximum(predicted[:, 12:], 1e-3) if spreading else np.tile(nodes, (len(belief), 1))
+    ranged, loud = scan[:, 3] >= 0, scan[:, 6] >= 0
+    own = nodes / np.maximum(predicted[:, 12, None], 1e-3) if spreading else np.tile(nodes, (len(belief), 1))
     table = np.interp(own, step * np.arange(len(chance)), chance)
     detected = (belief * table).sum(1)
     strength, mean = np.zeros((2, len(belief), len(scan)))
     for m in range(len(scan)):
-        given = (
-            nodes / np.maximum(scan[m, 0] - late[:, None], 1e-3)
-            if spreading
-            else np.tile(nodes, (len(belief), 1))
-        )
-        level = given if ranged[m] else own
-        density = np.exp(log_rician(scan[m, 6], level, radio[0, 8])) if loud[m] else table
+        level, unsure = own, np.zeros((len(belief), 1))
+        if ranged[m] and spreading and loud[m]:
+            given = radio[path[:, 3]]
+            std = np.where(given[:, 1] > 0, given[:, 1], given[:, 0] / scan[m, 6])
+            variance = np.where(scan[m, 3] > 0, scan[m, 3], std) ** 2
+            length, unsure = length_given(predicted, scan[m, 0], variance).T[..., None]
+            level = nodes / length
+        density = np.exp(log_rician(scan[m, 6], level, radio[0, 8], unsure)) if loud[m] else table
         strength[:, m] = (belief * density).sum(1)
         mean[:, m] = (belief * density * (level if loud[m] else own)).sum(1)
     strength[worth <= 1e-6] = mean[worth <= 1e-6] = 0.0

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.kernels.primitives.blocks import BOUNCES, HEAD, ONLY, SENDERS, Belief, Links, Query
-from gridslam.reference.gaussian import late, predict
+from gridslam.reference.gaussian import late, of_length, predict
 from gridslam.reference.paths import prepare
 from gridslam.world.geometry import lean, wrap
 
@@ -43,7 +43,7 @@ def asked(only: int, bounces: int, head: int) -> Query:
 def list_paths(
     query: Query, belief: Belief, places: Array, links: Links, points: Array | None = None
 ) -> tuple[Whole, Array, Array, Array]:
-    """Twin of `rays.list_paths`: paths, existence of ray and of surfaces, prediction (L, 13).
+    """Twin of `rays.list_paths`: paths, existence of ray and of surfaces, prediction (L, 15).
 
     What it drafts by `points` is that of `prepare`, and isn't told.
     """
@@ -54,9 +54,10 @@ def list_paths(
     anchors = [anchor for anchor in range(len(places)) if only < 0 or anchor % senders == only]
     parts = [listed(anchor, bounces, links) for anchor in anchors]
     path, existence, surfaces = (np.concatenate(part) for part in zip(*parts, strict=True))
-    value, _, spread = predict(*belief, head, path, places)
+    value, slope, spread = predict(*belief, head, path, places)
     length = value[:, 0] - late(belief.mean, head, path[:, 3], places)
-    whole = np.column_stack([value, spread.reshape(-1, 9), length])
+    unclear, learnt = of_length(slope[:, 0], belief.covariance, head, places)
+    whole = np.column_stack([value, spread.reshape(-1, 9), length, unclear, learnt])
     return path, stay * existence + appear * (1 - existence), surfaces, whole
 
 

@@ -20,7 +20,7 @@ from gridslam.kernels.primitives.blocks import (
     Ratios,
 )
 from gridslam.reference.gaussian import correct
-from gridslam.reference.messages import associate
+from gridslam.reference.messages import associate, length_given
 from gridslam.world.geometry import wrap
 
 Whole = NDArray[np.int32]
@@ -78,10 +78,11 @@ def fit(
     np.add.at(sums, (anchor[left], 7), 1 / spread[left, 1, 1])
     amplitude, own = scan[scan_rows, 6], radio[anchor]
     strong = direct & known[:, 0] & (amplitude >= 0)
-    length = pair[sure, 0] - predicted[rows, 0] + predicted[rows, 12]
-    level = own[:, 7] / np.maximum(length, 1e-3)
+    length, unsure = length_given(predicted[rows], pair[sure, 0], pair[sure, 3]).T
+    level = own[:, 7] / length
     variance = 0.5 + level**2 / (4 * own[:, 8])
     measured = np.sqrt(np.maximum(amplitude**2 - variance, 0.0))
+    variance += unsure**2 * level * amplitude
     clear = strong & (measured > 2 * own[:, 9])
     np.add.at(sums, (anchor[clear], 2), (level * measured / variance)[clear])
     np.add.at(sums, (anchor[clear], 3), (level**2 / variance)[clear])

@@ -29,6 +29,7 @@ from gridslam.inference.messages.network.double_births import without_double_bou
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.surface_walk import learn_shared_walks
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.state.grid import Grid
@@ -105,6 +106,7 @@ def turn(
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, sure, calibration_used.turned, model, work=work
         )
+        state = correct_by_strengths(state, anchor_scan, exchange, radio, model)  # (M542)
         state = weigh_departures(state, paths, ratios, exchange)  # (M517)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)

@@ -5,7 +5,8 @@ import taichi as ti
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.corrections import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, THRESHOLD
-from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, RESPONSIBLE
+from gridslam.kernels.primitives.tables import ANCHOR, LABEL, RESPONSIBLE
+from gridslam.kernels.propagation.amplitudes import length_given
 
 SURE = 0.9
 """Probability from which an association counts as sure."""
@@ -62,10 +63,11 @@ def fit(
                     add[7] = 1 / noisy[1, 1]
                 amplitude = scan[m, 6]
                 if pairs.pair[k, 3] < MEASURED and amplitude >= 0:
-                    late = rows.predicted[row, 0] - rows.predicted[row, LENGTH]
-                    level = radio[anchor, AT_1M] / ti.max(pairs.pair[k, 0] - late, 1e-3)
+                    length, unsure = length_given(rows, row, pairs.pair[k, 0], pairs.pair[k, 3])
+                    level = radio[anchor, AT_1M] / length
                     square = 0.5 + level * level / (4 * radio[anchor, SAMPLES])
                     measured = ti.sqrt(ti.max(amplitude * amplitude - square, 0.0))
+                    square += unsure * unsure * level * amplitude
                     if measured > 2 * radio[anchor, THRESHOLD]:  # fainter ones are biased by the threshold
                         add[2] = level * measured / square
                         add[3] = level * level / square

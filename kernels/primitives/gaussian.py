@@ -8,7 +8,7 @@ import taichi as ti
 
 from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, dot, sin_of, slant_of, wrapped
 from gridslam.kernels.primitives.layout import anchor_of, line_entry, steepness_of, unknown_entry
-from gridslam.kernels.primitives.tables import LENGTH
+from gridslam.kernels.primitives.tables import LEARNT, LENGTH, UNCLEAR
 
 UNDIRECTED = 1e-9
 """1/m: less than one over any length."""
@@ -178,19 +178,22 @@ def predict_by(
     mean: ti.template(), covariance: ti.template(), head, path: ti.template(), places: ti.template(), row,
     out: ti.template(),
 ):  # fmt: skip
-    """Predict one path, docs/model.md, (M21)."""
+    """Predict one path, docs/model.md, (M21), and how well its length is known, (M541)."""
     bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
     place = anchor_of(places, mean, head, anchor)
     value, slope = path_of(mean, head, place, bounces, last, first)
     entry = entry_of(head, bounces, last, first)
     spread, unknown = spread_of(slope, entry, covariance), unknown_entry(places, head, anchor)
-    out[row, LENGTH] = value[0] - place[3]
+    out[row, LENGTH], out[row, UNCLEAR], out[row, LEARNT] = value[0] - place[3], 0.0, 0.0
     for i in ti.static(range(3)):
         out[row, i] = value[i]
         for j in ti.static(range(3)):
             out[row, 3 + 3 * i + j] = spread[i, j]
     if unknown >= 0:
         more = spread_by_unknown(slope, entry, unknown, place, value[0] - place[3], covariance)
+        if place[5] < 0.5:
+            out[row, UNCLEAR] = spread[0, 0]
+            out[row, LEARNT] = spread[0, 0] + 0.5 * (more[0, 0] - covariance[unknown, unknown])
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
                 total = out[row, 3 + 3 * i + j] + more[i, j]

@@ -53,6 +53,14 @@ def deviations_of(radio: ti.template(), anchor, amplitude, departure, arrival, l
 
 
 @ti.func
+def ranging_variance(radio: ti.template(), anchor, given, amplitude):
+    """sigma_d^2 of a measurement: as `given` with it, if that is positive, or as the radio has it."""
+    std = radio[anchor, GIVEN] if radio[anchor, GIVEN] > 0 else radio[anchor, SCALE] / amplitude
+    std = given if given > 0 else std
+    return std * std
+
+
+@ti.func
 def scaled_bessel(x):
     """I_0(x) e^-x for x >= 0, relative error below 5e-7 [Abramowitz1964handbook], 9.8.1, 9.8.2."""
     t = (x / 3.75) ** 2
@@ -73,7 +81,13 @@ def scaled_bessel(x):
 @ti.func
 def rician(measured, amplitude, samples):
     """p_d(u) times the density, truncated at the threshold, of a measured amplitude; docs/model.md, (M12)."""
-    variance = 0.5 + amplitude * amplitude / (4 * samples)
+    return rician_about(measured, amplitude, samples, 0.0)
+
+
+@ti.func
+def rician_about(measured, amplitude, samples, unsure):
+    """The same of an amplitude that is known to a share `unsure` of it, (M541)."""
+    variance = 0.5 + amplitude * amplitude / (4 * samples) + unsure * unsure * measured * amplitude
     gap = measured - amplitude
     bessel = scaled_bessel(measured * amplitude / variance)
     return measured / variance * decay_of(-gap * gap / (2 * variance)) * bessel

@@ -6,7 +6,10 @@ BOUNCES, LAST, FIRST, ANCHOR = range(4)
 LENGTH = 12
 """By path, column of `predicted` after value (3) and spread (9): the path's length, m. The distance that is
 measured is longer by the difference of two clocks."""
-PREDICTED = 13
+UNCLEAR, LEARNT = 13, 14
+"""By path, columns of `predicted` where clocks are unknown, else 0: variance of the length, m^2, and its
+covariance with the distance that is measured."""
+PREDICTED = 15
 """Columns of `predicted`."""
 
 LABEL = 9

@@ -2,19 +2,62 @@
 
 import taichi as ti
 
-from gridslam.kernels.primitives.radio import FALSE_ALARMS, SAMPLES, clutter_of, detection_of, rician
-from gridslam.kernels.primitives.tables import ANCHOR, DETECTED, EXISTENCE, LENGTH, OPEN, SURFACES
+from gridslam.kernels.primitives.radio import (
+    FALSE_ALARMS,
+    SAMPLES,
+    clutter_of,
+    detection_of,
+    ranging_variance,
+    rician,
+    rician_about,
+)
+from gridslam.kernels.primitives.tables import (
+    ANCHOR,
+    DETECTED,
+    EXISTENCE,
+    LEARNT,
+    LENGTH,
+    OPEN,
+    SURFACES,
+    UNCLEAR,
+)
 
 NEGLIGIBLE = 1e-6
 """Probability of being there below which a path is left out."""
 NEVER = 1e-30
 """Likelihood below which a measured amplitude leaves the belief as it is."""
+CLEAR, LEAST_VARIANCE = 0.01, 1e-12
+"""Share of a path's length up to which its deviation counts as none; variance (m^2) that is divided by at
+least."""
 
 
 @ti.func
 def prior_existence(odds: ti.template(), row):
     """Prior probability that a path is there."""
     return odds[EXISTENCE, row] * odds[SURFACES, row] * odds[OPEN, row]
+
+
+@ti.func
+def is_clear(rows: ti.template(), row):
+    """Whether a measured distance tells a path's length to `CLEAR`, whatever its clocks are."""
+    learnt = rows.predicted[row, LEARNT]
+    left = rows.predicted[row, UNCLEAR] - learnt * learnt / ti.max(rows.predicted[row, 3], LEAST_VARIANCE)
+    return left <= (CLEAR * rows.predicted[row, LENGTH]) ** 2
+
+
+@ti.func
+def length_given(rows: ti.template(), row, distance, variance):
+    """A path's length given its measured distance, and the share of it that remains unknown; (M541)."""
+    length = distance - rows.predicted[row, 0] + rows.predicted[row, LENGTH]
+    length, unsure = ti.max(length, 1e-3), ti.f64(0.0)
+    if not is_clear(rows, row):
+        learnt = rows.predicted[row, LEARNT]
+        gain = learnt / (rows.predicted[row, 3] + variance)
+        left = ti.sqrt(ti.max(rows.predicted[row, UNCLEAR] - gain * learnt, 0.0))
+        length = rows.predicted[row, LENGTH] + gain * (distance - rows.predicted[row, 0])
+        length = ti.max(length, ti.max(left, 1e-3))
+        unsure = left / length
+    return length, unsure
 
 
 @ti.func
@@ -25,21 +68,25 @@ def weigh(
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
 
     The factor of the amplitude in [Li2026grid], eqs. (8) to (10), and p_d.
-    A path whose length is measured has that length: the distance less the difference of the clocks. A
-    measurement without amplitude has the likelihood p_d. All paths have the first one's level of clutter.
-    Arguments are those of `evaluation.evaluate`.
+    A path whose length is measured has that length: the distance less the difference of the clocks, so far
+    as that is known. A measurement without amplitude has the likelihood p_d. All paths have the first one's
+    level of clutter. Arguments are those of `evaluation.evaluate`.
     """
     count, one, known = amplitudes.nodes.shape[0], ti.f64(1.0), -1
     for row in range(amplitudes.probability.shape[0]):
-        anchor, late = rows.path[row, ANCHOR], rows.predicted[row, 0] - rows.predicted[row, LENGTH]
-        if known < 0 or (known != anchor and spreading > 0.5):
-            known, samples = anchor, radio[anchor, SAMPLES]
+        anchor, clear = rows.path[row, ANCHOR], spreading < 0.5 or is_clear(rows, row)
+        if known < 0 or not clear or (known != anchor and spreading > 0.5):
+            known, samples = (anchor if clear else -1), radio[anchor, SAMPLES]
             for m in range(scan.shape[0]):
                 if scan[m, 3] >= 0 and scan[m, 6] >= 0:
-                    per_metre = 1 / ti.max(scan[m, 0] - late, 1e-3) if spreading > 0.5 else one
+                    per_metre, unsure = one, 0 * one
+                    if spreading > 0.5:
+                        variance = ranging_variance(radio, anchor, scan[m, 3], scan[m, 6])
+                        length, unsure = length_given(rows, row, scan[m, 0], variance)
+                        per_metre = 1 / length
                     for n in range(count):
                         level = amplitudes.nodes[n] * per_metre
-                        density = rician(scan[m, 6], level, samples)
+                        density = rician_about(scan[m, 6], level, samples, unsure)
                         scratch.density[0, m, n], scratch.density[1, m, n] = density, density * level
         per_metre = 1 / ti.max(rows.predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
         usual, seen, both = 0 * one, 0 * one, 0 * one

@@ -112,7 +112,8 @@ def some_rows(draw, shape, spread):
 
 
 def predicted_of(mean, covariance, head, path, places):
-    """Values, spreads and lengths of paths, by the twin."""
-    value, _, spread = reference.predict(mean, covariance, head, path, places)
+    """Values, spreads and lengths of paths, and how well these are known, by the twin."""
+    value, slope, spread = reference.predict(mean, covariance, head, path, places)
     late = reference.late(mean, head, path[:, 3], places)
-    return np.column_stack([value, spread.reshape(-1, 9), value[:, 0] - late])
+    of_length = reference.of_length(slope[:, 0], covariance, head, places)
+    return np.column_stack([value, spread.reshape(-1, 9), value[:, 0] - late, *of_length])

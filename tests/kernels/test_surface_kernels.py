@@ -30,6 +30,7 @@ from gridslam.kernels.primitives.blocks import (
     Sketch,
     SurfaceRows,
 )
+from gridslam.kernels.primitives.tables import PREDICTED
 from gridslam.world.geometry import line_between, mirror, wrap
 
 clocks = st.sampled_from([0, 2])
@@ -52,7 +53,7 @@ def test_rays_and_their_prediction_equal_their_twin(seed, surfaces, bounces, onl
     into = query, Belief(mean, covariance), random_places(draw, anchors, rises), Links(*bank)
     room = anchors * (1 + surfaces**2)
     path, existence, together = np.zeros((room, 4), np.int32), np.zeros(room), np.zeros(room)
-    predicted, found = np.zeros((room, 13)), np.zeros(1, np.int32)
+    predicted, found = np.zeros((room, PREDICTED)), np.zeros(1, np.int32)
     size, samples = len(mean), 3
     points, whole = draw.normal(size=(size, samples)).astype(np.float32), np.full((size, size), np.nan)
     root, base = np.full((size, size), np.nan, np.float32), np.full((size, 3), np.nan, np.float32)
