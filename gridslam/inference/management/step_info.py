@@ -18,6 +18,10 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
 
+TELLING_M = 0.25
+"""Deviation of an anchor's clock from which on its line of sight bears out no place: half of what counts as
+wrong."""
+
 
 class Exchanged(Protocol):
     """Messages of one anchor, or of all: of measurements, or of a snapshot of samples."""
@@ -105,12 +109,21 @@ def conclude(
     covariance = with_turn(state, model).belief.covariance
     spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
-    monitor = monitor.sighted(spread, state.los)  # (M533)
+    monitor = monitor.sighted(spread, telling_sights(state))  # (M533)
     health, monitor = monitor.assess(calibration, calibration_used.turned, model, spread, effective)
     found_again = monitor.since == 0
     state = replace(state, calibration=calibration, monitor=monitor, step=state.step + 1)
     times, turned = work.times(), calibration_used.turned
     return state, StepInfo(tuple(exchanges), health, times, found_again, turned, calibration_used.gain)
+
+
+def telling_sights(state: State) -> Array:
+    """Existence (J,) of lines of sight; 0 where a clock is too unsure for one to bear out a place, (M533)."""
+    belief = state.belief
+    if not belief.clocks:
+        return state.los
+    variance = np.diag(belief.covariance)[belief.layout.anchor_clocks]
+    return np.where(variance < TELLING_M**2, state.los, 0.0)
 
 
 def comparable(info: StepInfo, state: State, model: FilterModel) -> float:

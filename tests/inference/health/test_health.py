@@ -20,6 +20,7 @@ from gridslam.inference.beliefs.calibration import LEAST_CLUTTER, MOST_CLUTTER, 
 from gridslam.inference.health import reasons
 from gridslam.inference.health.monitor import BLIND_M, HealthMonitor, innovation_band
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.step_info import telling_sights
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios, Pairs
 from gridslam.kernels.primitives import tables
 from gridslam.simulation import disturbances
@@ -315,3 +316,11 @@ def test_where_reflections_alone_narrowed_a_vague_place_health_says_so_until_a_l
     assert said(narrow, 0.05) == reasons.blind(BLIND_M + 0.1)
     assert not said(narrow.sighted(0.05, seen), 0.05)
     assert not said(HealthMonitor(loud=9.0, explained=9.0).sighted(BLIND_M, hidden), 0.05)
+
+
+def test_a_line_of_sight_bears_out_a_place_only_where_its_clock_is_known():
+    mean, covariance = np.zeros(7), np.diag([0.1, 0.1, 0.1, 0.1, 0.1, 0.24**2, 0.26**2])
+    state = replace(state_of(Belief(mean, covariance, clocks=2), 2), los=np.array([0.95, 0.99]))
+    np.testing.assert_array_equal(telling_sights(state), [0.95, 0.0])
+    known = replace(state, belief=Belief(mean[:5], covariance[:5, :5]))
+    np.testing.assert_array_equal(telling_sights(known), [0.95, 0.99])
