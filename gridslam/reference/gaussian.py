@@ -68,11 +68,10 @@ def predict(
 
 
 def of_length(slope: Array, covariance: Array, head: int, places: Array) -> tuple[Array, Array]:
-    """Variance of lengths, and their covariance with distances of slope (L, N); 0 where clocks are known."""
-    if not clocked(head, places):
-        return np.zeros(len(slope)), np.zeros(len(slope))
+    """Variance of lengths, and their covariance with distances of slope (L, N)."""
     own = slope.copy()
-    own[:, AGENT:head] = 0.0
+    if clocked(head, places):
+        own[:, AGENT:head] = 0.0
     pushed = own @ covariance
     return (pushed * own).sum(1), (pushed * slope).sum(1)
 

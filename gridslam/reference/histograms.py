@@ -24,7 +24,7 @@ def walk(earlier: Array, length: Array, existence: Array, table: Array, number: 
     nodes, gap, stay, rise, fall = table[:5]
     fine, ratio, at_1m, p_stay, p_appear = number[:5]
     step = np.diag(stay) + np.diag(rise[:-1], 1) + np.diag(fall[1:], -1)
-    free = at_1m / np.maximum(length[1], 1e-3)
+    free = at_1m / np.maximum(length[2], 1e-3)
     fresh = gap * (nodes <= np.maximum(np.minimum(free, nodes[-1]), 2 * nodes[0])[:, None])
     fresh = fresh / fresh.sum(1, keepdims=True)
     rows, stayed = length[0] >= 0, fresh.copy()

@@ -37,6 +37,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.surface_walk import learn_shared_walks
 from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
 from gridslam.inference.scans.anchor_measurements import AnchorScan, split_by_anchor, whole_scan
@@ -172,6 +173,9 @@ def turn(
         sure = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, sure, calibration_used.turned, model, work=work
+        )
+        state = correct_by_strengths(  # (M542)
+            state, anchor_scan, exchange, radio, model, weakened=True
         )
         state = weigh_departures(state, paths, ratios, exchange)  # (M517)
         state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)

@@ -38,7 +38,9 @@ def rescale(
 @ti.kernel
 def walk(
     earlier: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms as they were
-    length: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [2, L] of the paths then, negative for none; and now
+    length: ti.types.ndarray(
+        dtype=ti.f64, ndim=2
+    ),  # [3, L] of the paths then, negative for none; now; at least
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] predicted, of the rays
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
     number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
@@ -51,7 +53,8 @@ def walk(
         last = ahead.shape[1] - 1
         for row in range(ahead.shape[0]):
             far = ti.max(length[1, row], 1e-3)
-            reach = ti.max(ti.min(number[AT_1M] / far, table[NODES, last]), 2 * table[NODES, 0])
+            near = ti.max(length[2, row], 1e-3)
+            reach = ti.max(ti.min(number[AT_1M] / near, table[NODES, last]), 2 * table[NODES, 0])
             total, there, chance = ti.f64(0.0), existence[row], number[P_APPEAR]
             for n in range(last + 1):
                 total += table[GAP, n] if table[NODES, n] <= reach else 0.0

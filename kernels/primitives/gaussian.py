@@ -184,17 +184,19 @@ def predict_by(
     value, slope = path_of(mean, head, place, bounces, last, first)
     entry = entry_of(head, bounces, last, first)
     spread, unknown = spread_of(slope, entry, covariance), unknown_entry(places, head, anchor)
-    out[row, LENGTH], out[row, UNCLEAR], out[row, LEARNT] = value[0] - place[3], 0.0, 0.0
+    out[row, LENGTH] = value[0] - place[3]
     for i in ti.static(range(3)):
         out[row, i] = value[i]
         for j in ti.static(range(3)):
             out[row, 3 + 3 * i + j] = spread[i, j]
+    out[row, UNCLEAR] = out[row, LEARNT] = spread[0, 0]
     if unknown >= 0:
         more = spread_by_unknown(slope, entry, unknown, place, value[0] - place[3], covariance)
-        if place[5] < 0.5:
-            out[row, UNCLEAR] = spread[0, 0]
-            out[row, LEARNT] = spread[0, 0] + 0.5 * (more[0, 0] - covariance[unknown, unknown])
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
                 total = out[row, 3 + 3 * i + j] + more[i, j]
                 out[row, 3 + 3 * i + j] = total
+        if place[5] > 0.5:  # a rise lengthens the path itself
+            out[row, UNCLEAR] = out[row, LEARNT] = spread[0, 0] + more[0, 0]
+        else:
+            out[row, LEARNT] = spread[0, 0] + 0.5 * (more[0, 0] - covariance[unknown, unknown])

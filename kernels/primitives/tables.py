@@ -7,8 +7,8 @@ LENGTH = 12
 """By path, column of `predicted` after value (3) and spread (9): the path's length, m. The distance that is
 measured is longer by the difference of two clocks."""
 UNCLEAR, LEARNT = 13, 14
-"""By path, columns of `predicted` where clocks are unknown, else 0: variance of the length, m^2, and its
-covariance with the distance that is measured."""
+"""By path, columns of `predicted`: variance of the length, m^2, and its covariance with the distance that is
+measured, which is that variance where clocks are known."""
 PREDICTED = 15
 """Columns of `predicted`."""
 

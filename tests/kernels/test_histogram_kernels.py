@@ -26,7 +26,7 @@ def test_walking_histograms_equal_their_twin(seed, paths):
     from gridslam.kernels.messages.histograms import walk
 
     draw = np.random.default_rng(seed)
-    length = draw.choice([0.0, 0.1, 3.0, 40.0], (2, paths)) + draw.uniform(0, 1, (2, paths))
+    length = draw.choice([0.0, 0.1, 3.0, 40.0], (3, paths)) + draw.uniform(0, 1, (3, paths))
     length[0, draw.random(paths) < 0.3] = -1.0
     kept, existence = histograms(draw, paths), draw.choice([0.005, 0.01, 0.5, 0.95], paths)
     ahead = np.full((paths, len(NODES)), np.nan)

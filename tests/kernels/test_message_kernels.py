@@ -27,8 +27,10 @@ def predictions(draw, paths):
     root = 0.1 * draw.normal(size=(paths, 3, 3))
     spread = (root @ root.transpose(0, 2, 1)).reshape(-1, 9)
     late = draw.choice([0.0, 1.0]) * np.repeat(draw.normal(0, 3, 2), [paths - paths // 2, paths // 2])
-    unclear = draw.choice([0.0, 1.0]) * draw.choice([1e-4, 0.1, 2.0], paths)
+    unclear = draw.choice([1e-4, 0.1, 2.0], paths)
     learnt = draw.uniform(-0.99, 0.99, paths) * np.sqrt(unclear * spread[:, 0])
+    if draw.random() < 0.5:  # known clocks
+        unclear = learnt = spread[:, 0]
     return np.column_stack([value[:, 0] + late, value[:, 1:], spread, value[:, 0], unclear, learnt])
 
 

@@ -24,6 +24,7 @@ from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels.primitives.tables import PREDICTED, UNCLEAR
 from gridslam.systems.registry import method_class
 from gridslam.world.geometry import sfv
 
@@ -45,13 +46,15 @@ def anchor_scan(*amplitudes, distance=np.nan):
     return AnchorScan.of(0, np.zeros(2), 0.0, value, unknown, np.array(amplitudes, float))
 
 
-def one_path(existence, distance):
-    return PredictedPaths(one_ray(existence), Prediction(np.full((1, 13), distance)), None)
+def one_path(existence, distance, std=0.0):
+    predicted = np.full((1, PREDICTED), distance)
+    predicted[:, UNCLEAR] = std**2
+    return PredictedPaths(one_ray(existence), Prediction(predicted), None)
 
 
-def ahead(state, existence, distance):
+def ahead(state, existence, distance, std=0.0):
     """Amplitude belief of the one path, a step ahead."""
-    return predict_amplitudes(state, one_path(existence, distance), anchor_scan(), SIGNAL, work=WORK)
+    return predict_amplitudes(state, one_path(existence, distance, std), anchor_scan(), SIGNAL, work=WORK)
 
 
 def mean(state, distance):
@@ -153,11 +156,13 @@ def test_silence_makes_a_ray_fainter_but_not_for_good():
     assert level[2] > 0.7 * level[0]
 
 
-def test_a_ray_that_appears_may_have_any_amplitude_of_free_space():
-    belief = ahead(UNMEASURED, 0.005, 4.0)
+@pytest.mark.parametrize(("std", "nearest"), [(0.0, 4.0), (0.5, 2.5)])
+def test_a_ray_that_appears_may_have_any_amplitude_of_free_space(std, nearest):
+    """At the least length that it may have, three deviations below what is predicted."""
+    belief = ahead(UNMEASURED, 0.005, 4.0, std)
     top = belief.nodes[belief.probability[0] > 0].max()
-    assert top <= SIGNAL.amplitude(4.0)
-    assert top > 0.9 * SIGNAL.amplitude(4.0)
+    assert top <= SIGNAL.amplitude(nearest)
+    assert top > 0.9 * SIGNAL.amplitude(nearest)
 
 
 def test_amplitudes_of_dropped_surfaces_are_forgotten():

@@ -21,7 +21,7 @@ from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import STATE_GIVEN
 from gridslam.kernels.primitives import blocks
 from gridslam.kernels.primitives.blocks import ROOTED, Draft, Links, Listed, Query
-from gridslam.kernels.primitives.tables import LENGTH, PREDICTED
+from gridslam.kernels.primitives.tables import LENGTH, PREDICTED, UNCLEAR
 from gridslam.world.filter_model import FilterModel
 
 ListArguments = tuple[Query, blocks.Belief, Array, Links, Draft, Listed]
@@ -37,7 +37,7 @@ class Prediction:
 
     Attributes
     ----------
-    whole : (L, 13)
+    whole : (L, 15)
         All of the following, as the kernel leaves them.
     """
 
@@ -57,6 +57,11 @@ class Prediction:
     def length(self) -> Array:
         """How long the paths are, m, (L,)."""
         return self.whole[:, LENGTH]
+
+    @property
+    def length_std(self) -> Array:
+        """Deviation of that, m, (L,)."""
+        return np.asarray(np.sqrt(self.whole[:, UNCLEAR]))
 
 
 def listed_buffers(most: int) -> Listed:

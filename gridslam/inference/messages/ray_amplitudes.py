@@ -18,7 +18,7 @@ from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.likelihood_ratios import PORTION
-from gridslam.inference.messages.path_prediction import PredictedPaths
+from gridslam.inference.messages.path_prediction import PredictedPaths, Prediction
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
@@ -35,6 +35,8 @@ FINE, RATIO = 11.7, 0.03
 """Nodes ``FINE sinh(RATIO k)``: 0.35 apart where faint, 3 % apart where strong."""
 NEAREST_M = 0.2
 """Distance of free space whose amplitude is the last node; anything louder counts as that."""
+SHORTER = 3.0
+"""Deviations by which a path may be shorter than predicted, and so louder."""
 UNKNOWN_SHARE = 0.5
 """Of what free space allows, the mean amplitude of a ray of which nothing is known."""
 WORTH_KEEPING = 0.01
@@ -123,12 +125,13 @@ def predict_amplitudes(
 
     A ray that was there walks on, eq. (13), about what free space makes of its new length: near an anchor an
     amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
-    at its length. Where amplitudes are neither measured nor told by what is missed, there is nothing to keep.
+    at the least length that it may have. Where amplitudes are neither measured nor told by what is missed,
+    there is nothing to keep.
     """
     if radio.given_detection is not None and not require(state).known and np.isnan(scan.amplitude).all():
         return Unmeasured(np.ones((len(paths.rays), 1)), np.array([UNKNOWN_SHARE * radio.amplitude_at_1m]))
-    length = paths.prediction.length
-    return Histogram(_walked(state, paths.rays, length, radio, work), AmplitudeModel.of(radio).nodes)
+    ahead = _walked(state, paths.rays, paths.prediction, radio, work)
+    return Histogram(ahead, AmplitudeModel.of(radio).nodes)
 
 
 def mean_amplitudes(state: State, rays: Rays, distance: Array, radio: RadioModel) -> Array:
@@ -225,7 +228,7 @@ def require(state: State) -> RayAmplitudes:
     return state.amplitudes
 
 
-def _walked(state: State, rays: Rays, distance: Array, radio: RadioModel, work: Workspace) -> Array:
+def _walked(state: State, rays: Rays, prediction: Prediction, radio: RadioModel, work: Workspace) -> Array:
     """Beliefs one step ahead (L, K)."""
     runtime.start()
     from gridslam.kernels.messages.histograms import walk
@@ -233,9 +236,10 @@ def _walked(state: State, rays: Rays, distance: Array, radio: RadioModel, work: 
     known, model = require(state).known, AmplitudeModel.of(radio)
     count, size = len(rays), len(model.nodes)
     before = work.buffers(_histograms, 0, count, size)
-    length, scratch = np.empty((2, count)), np.empty(size)
+    length, scratch = np.empty((3, count)), np.empty(size)
     ahead = np.empty((count, size))
-    length[0], length[1] = -1.0, distance
+    length[0], length[1] = -1.0, prediction.length
+    length[2] = prediction.length - SHORTER * prediction.length_std
     for row, key in enumerate(RayAmplitudes.keys(rays, state.surfaces.identity)):
         belief = known.get(key)
         if belief is not None:

@@ -30,11 +30,15 @@ LEAST_M = 1e-3
 
 
 def correct_by_strengths(
-    state: State, scan: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel
-) -> State:
+    state: State, scan: AnchorScan, exchange: Exchange, radio: RadioModel, model: FilterModel,
+    weakened: bool = False,
+) -> State:  # fmt: skip
     """The belief corrected by lines of sight whose amplitude tells their length better than is known; (M542).
 
-    For methods whose lines of sight are as strong as free space leaves them.
+    Parameters
+    ----------
+    weakened : bool
+        Lines of sight may be weaker than free space leaves them: amplitudes say how long they are at most.
     """
     if not state.belief.clocks or not len(scan):
         return state
@@ -54,7 +58,8 @@ def correct_by_strengths(
         pushed = covariance[:, :2] @ away / length_m
         known = away @ pushed[:2] / length_m
         gap = heard_m - length_m
-        if variance < known and gap**2 < SURPRISING**2 * (known + variance):
+        likely = gap**2 < SURPRISING**2 * (known + variance) and not (weakened and gap > 0)
+        if variance < known and likely:
             mean = mean + pushed * gap / (known + variance)
             covariance = covariance - np.outer(pushed, pushed) / (known + variance)
     if mean is state.belief.mean:
