@@ -19,8 +19,8 @@ from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import RadioModel
 
-SYSTEMATIC = 0.05
-"""Share of an amplitude by which the radio may not know itself, 0.4 dB."""
+SYSTEMATIC = 0.12
+"""Share of an amplitude by which the radio may not know itself, 1 dB."""
 LOUD = 2.0
 """Times the threshold from which on detection doesn't bias an amplitude."""
 SURPRISING = 3.0

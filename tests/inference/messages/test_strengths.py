@@ -35,7 +35,7 @@ def test_amplitude_of_an_open_length_by_hand():
     assert log == pytest.approx(np.log(60 / 100.5) - 20**2 / 201 + np.log(0.0820), abs=2e-3)
 
 
-def heard(amplitude, place=(1.3, 0.0), std=0.3, responsible=0.9, clocks=1, height=0.0):
+def heard(amplitude, place=(1.3, 0.0), std=0.3, responsible=0.9, clocks=1, height=0.0, weakened=False):
     """Belief after one line of sight of an anchor at the origin, so loud, was taken in."""
     model = model_of(anchors=[[0.0, 0.0, 0.0, height]])
     model = replace(model, radio=replace(model.radio, amplitude_at_1m=50.0, samples=100.0, threshold=2.0))
@@ -51,13 +51,13 @@ def heard(amplitude, place=(1.3, 0.0), std=0.3, responsible=0.9, clocks=1, heigh
     rays = Rays(np.array([[0, -1, -1, 0]], np.int32), np.ones(1), np.ones(1), (0, 1))
     measured, odds = np.zeros((tables.MEASURED_ROWS, 1)), np.zeros((tables.ODDS, 1))
     exchange = Exchange(0, rays, odds, message, measured, np.zeros((1, 9)), 8, np.zeros((0, 2)))
-    return state.belief, correct_by_strengths(state, scan, exchange, model.radio, model).belief
+    return state.belief, correct_by_strengths(state, scan, exchange, model.radio, model, weakened).belief
 
 
 def test_a_loud_line_of_sight_tells_how_far_away_its_anchor_is_by_hand():
-    # 62.5 of 50 at 1 m: 0.8 m, but for what noise adds; to sqrt(1 / 400 + 0.05^2) of it, 0.0566 m
+    # 62.5 of 50 at 1 m: 0.8 m, but for what noise adds; to sqrt(1 / 400 + 0.12^2) of it, 0.104 m
     before, after = heard(np.sqrt((62.5**2 + 0.5) / (1 - 0.25 / 100)))
-    variance = 0.8**2 * (0.5 / 62.5**2 + 1 / 400 + 0.05**2)
+    variance = 0.8**2 * (0.5 / 62.5**2 + 1 / 400 + 0.12**2)
     gain = 0.09 / (0.09 + variance)
     np.testing.assert_allclose(after.mean[:2], [1.3 - gain * 0.5, 0.0])
     assert after.mean[5] == pytest.approx(gain * 0.5)  # what the agent is nearer, the clock is later
@@ -74,12 +74,20 @@ def test_a_loud_line_of_sight_tells_how_far_away_its_anchor_is_by_hand():
         {"responsible": 0.5},
         {"std": 0.05},  # known better
         {"amplitude": 10.0},  # 5 m: something weakens it
+        {"amplitude": 30.0, "weakened": True},  # 1.67 m: something may
     ],
 )
 def test_nothing_is_told(case):
     before, after = heard(**{"amplitude": 62.5} | case)
     np.testing.assert_array_equal(after.mean, before.mean)
     np.testing.assert_array_equal(after.covariance, before.covariance)
+
+
+def test_nothing_makes_a_line_of_sight_louder():
+    _, free = heard(62.5)
+    _, after = heard(62.5, weakened=True)
+    np.testing.assert_array_equal(after.mean, free.mean)
+    assert heard(30.0)[1].mean[0] > 1.5
 
 
 def test_length_is_that_of_the_slanted_path():
