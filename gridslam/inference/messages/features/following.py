@@ -141,7 +141,9 @@ def counted(
         spread = float(np.sqrt(way @ moments.covariance[:2, :2] @ way)) / max(far, LEAST_M)
         early |= Arrivals.of(got.samples[j], front).before(far - DEVIATIONS * spread)
     share = state.early + (1 - KEEP) * (early - state.early) * (early or seen)
+    unseen = state.unseen if len(state.unseen) else np.zeros(len(sights), np.int64)
     return replace(
         state, step=state.step + 1, silent=silent, early=share, sights=state.sights + seen,
         sighted=sights + (state.sighted if len(state.sighted) else 0), since_leap=state.since_leap + 1,
+        unseen=np.where(sights, np.minimum(unseen, 0), unseen + 1),
     )  # fmt: skip
