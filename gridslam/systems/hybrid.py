@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from gridslam.inference.management.features.feature_tables import with_features
-from gridslam.inference.management.features.hybrid_info import SIGHTS, HybridInfo, conclude
+from gridslam.inference.management.features.hybrid_info import HANDED_ON, SIGHTS, HybridInfo, conclude
 from gridslam.inference.messages.features.feature_likelihood import require_hybrid
 from gridslam.inference.messages.features.following import (
     counted,
@@ -53,7 +53,13 @@ def start(model: SignalModel, prior: Map | None = None) -> HybridState:
     given = len(belief.features)
     heard = SIGHTS if given else 0
     return HybridState(
-        belief, belief, empty, next_identity=given, sights=heard, sighted=np.full(anchors, heard)
+        belief,
+        belief,
+        empty,
+        next_identity=given,
+        sights=heard,
+        sighted=np.full(anchors, heard),
+        unseen=np.full(anchors, HANDED_ON if given else 0),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SCATTERER, FeatureEstimate, SurfaceEstimate
 from gridslam.inference.management.features.feature_tables import with_features
-from gridslam.inference.management.features.hybrid_info import SIGHTS, HybridInfo, conclude
+from gridslam.inference.management.features.hybrid_info import HANDED_ON, SIGHTS, HybridInfo, conclude
 from gridslam.inference.management.features.surface_features import image_features
 from gridslam.inference.messages.features.following import (
     counted,
@@ -138,5 +138,6 @@ class KnownHybridSlam(HybridFilter):
         state = replace(
             self.state, joint=belief, before=belief, next_identity=len(belief.features), sights=SIGHTS,
             sighted=np.full(len(self.model.anchors), SIGHTS),
+            unseen=np.full(len(self.model.anchors), HANDED_ON),
         )  # fmt: skip
         self.now = self.now._replace(believed=state)

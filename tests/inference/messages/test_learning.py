@@ -74,6 +74,26 @@ def test_features_that_do_not_foretell_the_last_steps_are_refused():
     assert found.joint is state.joint
 
 
+def test_a_lesson_of_which_no_feature_is_left_moves_nothing(monkeypatch):
+    """What a set says of the agent by features that nobody hears isn't kept without them."""
+    state, model = state_after([MIRROR], [1500.0], 0)
+    set_of = Lesson.rivals
+
+    def unheard(self, *args, **more):
+        found = []
+        for one in set_of(self, *args, **more):
+            bank = one.joint.features
+            bank = replace(bank, steps_seen=np.zeros(len(bank), np.int64), presence=np.zeros(len(bank)))
+            found.append(one._replace(joint=replace(one.joint, features=bank)))
+        return found
+
+    monkeypatch.setattr(Lesson, "rivals", unheard)
+    after, learned = learn(state, Front(model.waveform), model)
+    assert learned.proposed > learned.taken == 0
+    assert learned.gain > 0
+    assert after.joint is state.joint
+
+
 @pytest.mark.slow
 def test_features_that_are_never_loud_are_kept_if_they_are_surely_there():
     state, _ = state_after([], [], 0)

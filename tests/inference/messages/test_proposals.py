@@ -7,6 +7,7 @@ from lesson_states import MIRROR, SCATTERER, lesson_of, state_after
 from gridslam import runtime
 from gridslam.inference.messages.features import proposals
 from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.joint_update import moved_to
 from gridslam.inference.messages.features.learning import JUDGED
 from gridslam.inference.messages.features.proposals import (
     AMBIGUOUS,
@@ -28,7 +29,7 @@ from gridslam.inference.messages.features.seeding import (
     propose,
 )
 from gridslam.inference.messages.features.stretch import stretch_of
-from gridslam.inference.state.features.features import MOVING, FeatureBank, entries
+from gridslam.inference.state.features.features import MOVING, FeatureBank, entries, places
 from gridslam.inference.state.features.hybrid_state import JointBelief
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -45,7 +46,7 @@ def test_features_of_a_crowd_are_not_taken_at_their_word(many, monkeypatch):
     monkeypatch.setattr(proposals, "propose", lambda *_: (rows, kind))
     given = Front(model.waveform), model, lesson_of(state, model).tables
     looks = proposals.surveys(state.before, state.joint, state.segment, JUDGED, *given)
-    found = with_proposals(state.before, state.segment, looks, PRICES[0], 0, 0, model)
+    found = with_proposals(state.before, state.segment, looks, PRICES[0], 0, 0, np.zeros(2), model)
     length, _, extra = found.mean[MOVING:].reshape(-1, 3).T
     std = np.sqrt(np.diagonal(found.covariance)[MOVING:].reshape(-1, 3))
     crowded = many > CROWD
@@ -53,6 +54,23 @@ def test_features_of_a_crowd_are_not_taken_at_their_word(many, monkeypatch):
     np.testing.assert_allclose(std[1:, 2], AMBIGUOUS * length[1:] if crowded else NONE_M)
     assert std[0, 2] > LOOSE * length[0] if crowded else std[0, 2] < LOOSE * length[0]
     assert (found.extent, len(found.features)) == (found.keep(extra >= 0).extent, many)
+
+
+@pytest.mark.parametrize("beside", [(0.0, 0.0), (0.4, -0.3)])
+def test_features_that_are_proposed_beside_the_believed_start_stand_beside_their_places(beside):
+    """An agent that began elsewhere heard them from there; where it is moved to the way, they are on it."""
+    state, model = state_after([MIRROR], [1500.0], 6)
+    given = Front(model.waveform), model, lesson_of(state, model).tables
+    looks = proposals.surveys(state.before, state.joint, state.segment, JUDGED, *given)
+    on_way, found = (
+        with_proposals(state.before, state.segment, looks, PRICES[0], 0, 0, np.array(gap), model)
+        for gap in ((0.0, 0.0), beside)
+    )
+    assert len(found.features) == len(on_way.features) > 0
+    start = np.append(found.mean[:2] - beside, found.mean[2:MOVING])
+    np.testing.assert_allclose(moved_to(found, start)[MOVING:], on_way.mean[MOVING:])
+    shifted = places(found.mean, found.features.origin_m) - places(on_way.mean, on_way.features.origin_m)
+    np.testing.assert_allclose(shifted[:, :2], np.tile(beside, (len(shifted), 1)), atol=0.03)
 
 
 def test_the_noise_is_what_features_leave():

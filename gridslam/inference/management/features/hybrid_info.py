@@ -18,6 +18,11 @@ from gridslam.world.signal_model import SignalModel
 SIGHTS = 10
 """Steps at which a line of sight has to have been heard, or at half of all, for it to be believed; of two
 anchors, if antennas tell no directions, for the turn of agent and map about either to be known."""
+LATELY = 20
+"""Steps within which they have to have been for that: lengths along a metre of way don't tell where what is
+learned from them stands, and the agent turns away with it."""
+HANDED_ON = -1_000_000
+"""Steps since where an earlier agent left features, which tell the turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +72,8 @@ def conclude(
     spread_m = float(np.sqrt(np.trace(moments.covariance[:2, :2])))
     believed = bool(len(joint.features)) or state.sights > 0
     unsighted = believed and state.sights < min(SIGHTS, state.step / 2)
-    alone = len(model.waveform.agent_element_m) == 1 and (state.sighted >= SIGHTS).sum() < 2
+    seen = (state.sighted >= SIGHTS) & (state.unseen <= LATELY)
+    alone = len(model.waveform.agent_element_m) == 1 and seen.sum() < 2
     health = assess_particles(
         spread_m, moments.effective, state.silent, state.early, len(existence), cloud is not None,
         unsighted, (state.leap_m, state.since_leap), turnable=bool(alone and len(joint.features)),

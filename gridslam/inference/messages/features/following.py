@@ -14,8 +14,8 @@ from gridslam.inference.messages.features.arrivals import Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.joint_update import SIGHTED, predict
 from gridslam.inference.messages.features.path_products import LEAST_M
+from gridslam.inference.messages.features.readings import update_by_readings
 from gridslam.inference.messages.features.sight import Moments
-from gridslam.inference.messages.features.strangers import update_beside_strangers
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief
 from gridslam.world.signal_model import SignalModel
@@ -91,7 +91,7 @@ def follow_by_particles(
 
 def follow_jointly(state: HybridState, got: Snapshot, model: SignalModel) -> tuple[HybridState, Moments]:
     """The joint belief after the samples, (M126)-(M130), beside paths that nobody knows yet, (M526)."""
-    joint, evidence = update_beside_strangers(
+    joint, evidence = update_by_readings(
         state.joint, got.samples, got.heard, got.heading_rad, model, state.step
     )
     moments = Moments(joint.mean[:MOVING], joint.agent_covariance, evidence, np.inf)
@@ -141,7 +141,9 @@ def counted(
         spread = float(np.sqrt(way @ moments.covariance[:2, :2] @ way)) / max(far, LEAST_M)
         early |= Arrivals.of(got.samples[j], front).before(far - DEVIATIONS * spread)
     share = state.early + (1 - KEEP) * (early - state.early) * (early or seen)
+    unseen = state.unseen if len(state.unseen) else np.zeros(len(sights), np.int64)
     return replace(
         state, step=state.step + 1, silent=silent, early=share, sights=state.sights + seen,
         sighted=sights + (state.sighted if len(state.sighted) else 0), since_leap=state.since_leap + 1,
+        unseen=np.where(sights, np.minimum(unseen, 0), unseen + 1),
     )  # fmt: skip

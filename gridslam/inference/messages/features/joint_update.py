@@ -18,7 +18,6 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.features.heard_paths import HeardPaths
 from gridslam.inference.messages.features.path_products import Products
 from gridslam.inference.messages.features.presence import existence_of, powers_of, predicted, presence_of
-from gridslam.inference.messages.features.regaining import regained
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import JointBelief
 from gridslam.world.signal_model import SignalModel
@@ -40,6 +39,8 @@ TURNS_RAD = 1.0
 distance apart badly, and follows now one, now another."""
 FAINTEST = 1e-4
 """Least power of a feature, in that of the line of sight."""
+NOT_THERE = 1e-12
+"""Probability of a line of sight that is taken not to be there."""
 
 
 def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> JointBelief:
@@ -56,14 +57,17 @@ def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> Jo
 
 def update(
     belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
-    step: int, start: Array | None = None,
+    step: int, start: Array | None = None, hidden: NDArray[np.bool_] | None = None,
 ) -> tuple[JointBelief, float]:  # fmt: skip
     """The belief after the samples (J, N, M) of one step, and the log of their evidence.
 
     Parameters
     ----------
     start : (4,), optional
-        Where the agent is thought to be by other means: from there the maximum is looked for.
+        Where the agent is thought to be by other means: from there, all that hangs together with it moved
+        along, the maximum is looked for.
+    hidden : (J,) bool, optional
+        Anchors whose line of sight is taken not to be there, whatever the samples say.
     """
     if not audible.any():
         return belief, 0.0
@@ -76,17 +80,16 @@ def update(
     state = np.zeros((2, size + 1))
     at, base = state
     at[:size] = base[:size] = belief.mean
-    if start is None:
-        at[:size] = regained(belief, samples, audible, heading_rad, model)
-    else:
-        at[:MOVING] = start
+    if start is not None:
+        at[:size] = moved_to(belief, start)
     existence, crowded = belief.existence.copy(), belief.extent > 0 and step >= FIRST_STEPS
     for round_ in range(CROWD_ROUNDS if crowded else ROUNDS):
         heard.place(state, prior)
         known = heard.multiply()
         if not round_:
             for j, products in zip(heard.anchors, known, strict=True):
-                existence[j] = existence_of(belief, j, products)
+                gone = hidden is not None and hidden[j]
+                existence[j] = NOT_THERE if gone else existence_of(belief, j, products)
             each = zip(heard.anchors, known, strict=True)
             powers = [powers_of(belief, existence, j, products) for j, products in each]
             power = np.concatenate(powers)
@@ -115,6 +118,14 @@ def update(
         found, surprise = _follow_powers(found, j, products.of(slice(0, len(own))), own, step)
         evidence += surprise
     return _sighted(found, belief, audible), evidence
+
+
+def moved_to(belief: JointBelief, start: Array) -> Array:
+    """The joint mean (n,) given the agent's place, and with the velocity of a start (4,), (M524)."""
+    spread = belief.agent_covariance[:2, :2]
+    at: Array = belief.mean + belief.covariance[:, :2] @ np.linalg.solve(spread, start[:2] - belief.mean[:2])
+    at[:MOVING] = start[:MOVING]
+    return at
 
 
 def _sighted(found: JointBelief, before: JointBelief, audible: NDArray[np.bool_]) -> JointBelief:

@@ -61,6 +61,8 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
         return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)
     detected = was_detected(best.joint)
     detected[:old] = True
+    if not passing and not detected[old:].any():  # nothing is left that could say where the agent is
+        return begun(state, state.joint), Learned(proposed, 0, gain)
     identity = int(best.joint.features.identity.max()) + 1
     taught = begun(state, best.joint.keep(detected))
     return replace(taught, next_identity=identity), Learned(proposed, int(detected.sum()) - old, gain)

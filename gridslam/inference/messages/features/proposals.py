@@ -83,12 +83,14 @@ def surveys(
 
 def with_proposals(
     belief: JointBelief, segment: Segment, looks: list[Survey], price: Array, first: int, identity: int,
-    model: SignalModel,
+    beside_m: Array, model: SignalModel,
 ) -> JointBelief:  # fmt: skip
     """The belief with all features that surveys of a segment propose.
 
     Parameters
     ----------
+    beside_m : (2,)
+        From the way along which they are proposed to where the agent is believed to begin, (M524).
     first, identity : int
         Number of the segment's first step, and of the next feature.
     """
@@ -110,6 +112,7 @@ def with_proposals(
                 spread[2] += slope @ spread[:2]
                 spread[:, 2] += spread[:, :2] @ slope
                 moved[2] = slope @ moved[:2]
+            entry = entry + moved @ beside_m
             belief = belief.with_feature(look.anchor, entry, spread, origin, row[3], identity, first, moved)
             identity += 1
     return belief

@@ -18,6 +18,7 @@ from gridslam.inference.messages.features.feature_likelihood import Front, Table
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import predict
 from gridslam.inference.messages.features.proposals import surveys, with_proposals
+from gridslam.inference.messages.features.readings import update_by_readings
 from gridslam.inference.messages.features.seeding import LEAST_GAIN
 from gridslam.inference.messages.features.strangers import update_beside_strangers
 from gridslam.inference.messages.features.ways import apart, drifted, moved_starts, spread_m
@@ -165,7 +166,9 @@ class Lesson:
         looks = surveys(self.before, after, part, self.judged, self.front, self.model, self.tables)
         found: list[Rival] = []
         for price in prices:
-            wider = with_proposals(self.before, part, looks, price, self.first, self.identity, self.model)
+            wider = with_proposals(
+                self.before, part, looks, price, self.first, self.identity, self._beside_way(part), self.model
+            )
             rival = self.judge(wider, segment, found[0] if found else other)
             doubtful = self.sights(rival.joint)
             if doubtful.any():
@@ -191,6 +194,14 @@ class Lesson:
         joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
         known = len(self.before.features) > 0
         return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint), known)
+
+    def _beside_way(self, way: Segment) -> Array:
+        """From a way's first place to where the agent is predicted to be then, (2,) m."""
+        begun = self.before
+        if self.before_s is not None:
+            begun = predict(begun, way.time_s[0] - self.before_s, self.model.settings.acceleration_mps2)
+        gap: Array = begun.mean[:2] - way.agent[0, :2]
+        return gap
 
     def _cost(self, belief: JointBelief) -> float:
         """Nats that a belief's new features cost."""
@@ -313,10 +324,11 @@ def replay(
     for k in range(len(segment)):
         if earlier is not None:
             belief = predict(belief, segment.time_s[k] - earlier, model.settings.acceleration_mps2)
-        belief, evidence[k] = update_beside_strangers(
-            belief, segment.samples[k], segment.heard[k], segment.heading_rad[k], model, first_step + k,
-            segment.agent[k] if led else None,
-        )  # fmt: skip
+        got = segment.samples[k], segment.heard[k], segment.heading_rad[k], model, first_step + k
+        if led:
+            belief, evidence[k] = update_beside_strangers(belief, *got, segment.agent[k])
+        else:
+            belief, evidence[k] = update_by_readings(belief, *got)
         earlier, track[k] = float(segment.time_s[k]), belief.mean[:MOVING]
         if least is not None and evidence[: k + 1].sum() < least[k]:
             evidence[k] = -np.inf

@@ -48,10 +48,19 @@ class Stranger(NamedTuple):
 
 def update_beside_strangers(
     belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
-    step: int, start: Array | None = None,
+    step: int, start: Array | None = None, hidden: NDArray[np.bool_] | None = None,
 ) -> tuple[JointBelief, float]:  # fmt: skip
     """As `joint_update.update`, beside paths of this step alone, where evidence asks for any."""
-    found, evidence = update(belief, samples, audible, heading_rad, model, step, start)
+    found, evidence, _ = beside_strangers(belief, samples, audible, heading_rad, model, step, start, hidden)
+    return found, evidence
+
+
+def beside_strangers(
+    belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
+    step: int, start: Array | None = None, hidden: NDArray[np.bool_] | None = None,
+) -> tuple[JointBelief, float, int]:  # fmt: skip
+    """The same, and beside how many."""
+    found, evidence = update(belief, samples, audible, heading_rad, model, step, start, hidden)
     heard, wider, known = np.flatnonzero(audible), belief, len(belief.features)
     usual = -sum(samples[0].size * (1 + np.log(np.pi * found.noise[j])) for j in heard)
     for _ in range(MOST):
@@ -62,13 +71,16 @@ def update_beside_strangers(
             beside = _with_strangers(wider, at, samples, heard, heading_rad, model, step)
             more = len(beside.features) - len(wider.features)
             if more:
-                after, its = update(beside, samples, audible, heading_rad, model, step, at.mean[:MOVING])
+                after, its = update(
+                    beside, samples, audible, heading_rad, model, step, at.mean[:MOVING], hidden
+                )
                 if its - evidence > COST * more:
                     rivals.append((its, after, beside))
         if not rivals:
             break
         evidence, found, wider = max(rivals, key=lambda one: one[0])
-    return found.keep(np.arange(len(found.features)) < known), evidence
+    strangers = len(found.features) - known
+    return found.keep(np.arange(len(found.features)) < known), evidence, strangers
 
 
 def _with_strangers(

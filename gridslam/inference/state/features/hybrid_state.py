@@ -205,6 +205,8 @@ class HybridState:
         Steps at which a line of sight was heard; enough from the start where an earlier agent left features.
     sighted : (J,) int64
         The same of each anchor; empty before the first.
+    unseen : (J,) int64
+        Steps since then, or below 0 where an earlier agent left features; empty before the first.
     leap_m, since_leap : float, int
         By how far the agent was moved last where its motion doesn't lead, and how many steps ago.
     """
@@ -225,5 +227,6 @@ class HybridState:
     sighted: NDArray[np.int64] = field(
         default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True}
     )
+    unseen: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True})
     leap_m: float = field(default=0.0, metadata={"later": True})
     since_leap: int = field(default=1_000_000, metadata={"later": True})
