@@ -86,7 +86,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         state = update_amplitudes(  # eq. (26)
-            state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work
+            state, paths, amplitudes, anchor_scan, exchange, model, work=work
         )
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)

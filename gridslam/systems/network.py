@@ -178,7 +178,7 @@ def turn(
             state, anchor_scan, exchange, radio, model, weakened=True
         )
         state = weigh_departures(state, paths, ratios, exchange)  # (M517)
-        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
+        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, born = add_births(state, births, anchor_scan, exchange, radio, model, work=work)

@@ -65,7 +65,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, given, work=work
         )
-        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model.radio, work=work)
+        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         state, exchange, born = add_births(
             state, births, anchor_scan, exchange, radio, model, shared=False, work=work

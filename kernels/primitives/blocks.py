@@ -84,7 +84,7 @@ class Draft(NamedTuple):
 
 class Listed(NamedTuple):
     """Paths, given or out: bounces, last, first, anchor [L, 4]; existence of the ray, and of all surfaces
-    involved [L]; value (3), spread (9), length [L, 13]; how many there are [1]. L may be more than that."""
+    involved [L]; prediction [L, 15], see `tables`; how many there are [1]. L may be more than that."""
 
     path: Wholes
     existence: Doubles
@@ -153,7 +153,7 @@ class Amplitudes(NamedTuple):
 
 
 class PathRows(NamedTuple):
-    """Paths [L, 4], and their value (3), spread (9) and length [L, 13]."""
+    """Paths [L, 4], and their prediction [L, 15], see `tables`."""
 
     path: Wholes
     predicted: Square

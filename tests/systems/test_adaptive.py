@@ -61,14 +61,21 @@ def mean(state, distance):
     return mean_amplitudes(state, one_ray(), np.array([distance]), SIGNAL)
 
 
+def away(distance):
+    """A state that knows no amplitude, whose agent is so far from the anchor."""
+    mean = UNMEASURED.belief.mean.copy()
+    mean[:2] = MODEL.places[0, :2] + [distance, 0.0]
+    return replace(UNMEASURED, belief=replace(UNMEASURED.belief, mean=mean))
+
+
 def followed(amplitudes, existence=0.9, distance=3.0):
     """Amplitude belief after hearing one path strengths one after the other; None for a miss."""
-    state, path = UNMEASURED, one_path(existence, distance)
+    state, path = away(distance), one_path(existence, distance)
     for amplitude in amplitudes:
         own = anchor_scan() if amplitude is None else anchor_scan(amplitude)
         belief = predict_amplitudes(state, path, own, SIGNAL, work=WORK)
         ratios = SimpleNamespace(responsible=np.ones((1, len(own))))
-        state = update_amplitudes(state, path, belief, own, ratios, SIGNAL, work=WORK)
+        state = update_amplitudes(state, path, belief, own, ratios, MODEL, work=WORK)
     return state, ahead(state, existence, distance)
 
 
@@ -80,7 +87,10 @@ def test_where_no_amplitude_tells_anything_none_is_kept():
     assert belief.probability.tolist() == [[1.0]]
     assert belief.nodes / 3.0 == pytest.approx(mean(UNMEASURED, 3.0))
     ratios = SimpleNamespace(responsible=np.ones((1, 2)))
-    assert update_amplitudes(UNMEASURED, path, belief, silent, ratios, blind, work=WORK) is UNMEASURED
+    assert (
+        update_amplitudes(UNMEASURED, path, belief, silent, ratios, replace(MODEL, radio=blind), work=WORK)
+        is UNMEASURED
+    )
     for state, own, signal in (
         (UNMEASURED, loud, blind),  # it was measured all the same
         (UNMEASURED, silent, SIGNAL),  # a miss tells of it
@@ -109,11 +119,11 @@ def test_a_ray_that_was_given_up_and_is_heard_again_is_as_strong_as_it_is_heard(
     path, own = one_path(0.004, 3.0), anchor_scan(15.0)
     belief = predict_amplitudes(state, path, own, SIGNAL, work=WORK)
     once = SimpleNamespace(responsible=np.ones((1, 1)))
-    back = update_amplitudes(state, path, belief, own, once, SIGNAL, work=WORK)
+    back = update_amplitudes(state, path, belief, own, once, MODEL, work=WORK)
     again = ahead(back, 0.95, 3.0)
     assert abs(again.probability[0] @ again.nodes - 15.0) < 1.5
     missed = SimpleNamespace(responsible=np.zeros((1, 0)))
-    silent = update_amplitudes(state, path, belief, anchor_scan(), missed, SIGNAL, work=WORK)
+    silent = update_amplitudes(state, path, belief, anchor_scan(), missed, MODEL, work=WORK)
     assert silent.amplitudes is state.amplitudes
 
 
@@ -138,6 +148,16 @@ def test_amplitude_follows_the_length_of_the_path(factor):
     np.testing.assert_allclose(near.probability.sum(), 1, atol=1e-9)
     means = [b.probability[0] @ b.nodes for b in (belief, near)]
     assert means[1] / means[0] == pytest.approx(factor, rel=0.01)
+
+
+def test_a_line_of_sight_is_as_loud_at_the_next_step_though_it_was_predicted_farther_away():
+    own, path = anchor_scan(20.0), one_path(0.9, 4.0, 0.6)
+    belief = predict_amplitudes(away(4.0), path, own, SIGNAL, work=WORK)
+    once = SimpleNamespace(responsible=np.ones((1, 1)))
+    corrected = away(2.5)
+    state = update_amplitudes(corrected, path, belief, own, once, MODEL, work=WORK)
+    after = ahead(state, 0.9, 2.5)
+    assert after.probability[0] @ after.nodes == pytest.approx(20.0, rel=0.1)
 
 
 def test_an_agent_at_an_anchor_is_loud_but_heard():

@@ -25,6 +25,8 @@ from gridslam.inference.state.ray_amplitudes import Key, RayAmplitudes
 from gridslam.inference.state.rays import P_APPEAR, P_STAY, Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES
+from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import RadioModel
 
 WALK = 0.02
@@ -154,9 +156,12 @@ def mean_amplitudes(state: State, rays: Rays, distance: Array, radio: RadioModel
 @timed("updates")
 def update_amplitudes(
     state: State, paths: PredictedPaths, belief: Histogram | Unmeasured, scan: AnchorScan,
-    exchange: Exchange, radio: RadioModel, *, work: Workspace,
+    exchange: Exchange, model: FilterModel, *, work: Workspace,
 ) -> State:  # fmt: skip
     """Update by the measurements, softly by association, eq. (26).
+
+    A line of sight's amplitude is kept with its length from where the agent is believed to be by now: beside
+    an anchor it would be scaled by half at the next step otherwise, and not be known again.
 
     Parameters
     ----------
@@ -172,19 +177,20 @@ def update_amplitudes(
     runtime.start()
     from gridslam.kernels.messages.histograms import listen
 
-    amplitudes, model, rays = require(state), AmplitudeModel.of(radio), paths.rays
+    amplitudes, numbers, rays = require(state), AmplitudeModel.of(model.radio), paths.rays
     responsible, shape = exchange.responsible, belief.probability.shape
-    if responsible.shape != (len(rays), len(scan)) or shape != (len(rays), len(model.nodes)):
+    if responsible.shape != (len(rays), len(scan)) or shape != (len(rays), len(numbers.nodes)):
         raise ValueError("beliefs don't belong to these rays and measurements")
     after = np.empty(shape)  # the state keeps its rows
     scratch = work.buffers(_densities, 0, -(-len(scan) // PORTION) * PORTION, shape[1])
     listen(
-        belief.probability, scan.table, np.ascontiguousarray(responsible), model.table, model.number,
-        float(radio.samples), scratch, after,
+        belief.probability, scan.table, np.ascontiguousarray(responsible), numbers.table, numbers.number,
+        float(model.radio.samples), scratch, after,
     )  # fmt: skip
     alive = np.maximum(rays.existence, responsible.sum(1))  # one that comes back was given up long ago
     worth = (alive * rays.surfaces > WORTH_KEEPING).tolist()
-    lengths, keys = paths.prediction.length.tolist(), RayAmplitudes.keys(rays, state.surfaces.identity)
+    keys = RayAmplitudes.keys(rays, state.surfaces.identity)
+    lengths = _lengths_now(state, paths, model).tolist()
     rows = enumerate(zip(keys, lengths, worth, strict=True))
     changes = {key: (after[row], length) for row, (key, length, lasting) in rows if lasting}
     return replace(state, amplitudes=amplitudes.having(changes))
@@ -246,6 +252,15 @@ def _walked(state: State, rays: Rays, prediction: Prediction, radio: RadioModel,
             before[row], length[0, row] = belief
     walk(before, length, rays.existence, model.table, model.number, scratch, ahead)
     return ahead
+
+
+def _lengths_now(state: State, paths: PredictedPaths, model: FilterModel) -> Array:
+    """Lengths (L,) of paths as predicted, m, and of lines of sight from where the agent is believed to be."""
+    length, table = paths.prediction.length.copy(), paths.rays.table
+    direct = np.flatnonzero(table[:, BOUNCES] == 0)
+    place = model.places[table[direct, ANCHOR]]
+    length[direct] = np.hypot(np.hypot(*(state.belief.mean[:2] - place[:, :2]).T), place[:, 3])
+    return length
 
 
 def _densities(measurements: int, nodes: int) -> Array:

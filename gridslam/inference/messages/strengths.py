@@ -25,6 +25,9 @@ LOUD = 2.0
 """Times the threshold from which on detection doesn't bias an amplitude."""
 SURPRISING = 3.0
 """Deviations beyond which something else must have weakened it."""
+STRAIGHT = 0.5
+"""Of the amplitude's deviation, what a length may be bent by how far the place may be off across: where no
+direction tells, places lie on a ring, and a correction along one direction would choose one of them."""
 LEAST_M = 1e-3
 """Length that slopes are taken at, at least."""
 
@@ -58,8 +61,10 @@ def correct_by_strengths(
         pushed = covariance[:, :2] @ away / length_m
         known = away @ pushed[:2] / length_m
         gap = heard_m - length_m
+        across = covariance[0, 0] + covariance[1, 1] - known
+        straight = (0.5 * across / length_m) ** 2 < STRAIGHT**2 * variance
         likely = gap**2 < SURPRISING**2 * (known + variance) and not (weakened and gap > 0)
-        if variance < known and likely:
+        if variance < known and likely and straight:
             mean = mean + pushed * gap / (known + variance)
             covariance = covariance - np.outer(pushed, pushed) / (known + variance)
     if mean is state.belief.mean:
