@@ -38,9 +38,7 @@ def rescale(
 @ti.kernel
 def walk(
     earlier: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms as they were
-    length: ti.types.ndarray(
-        dtype=ti.f64, ndim=2
-    ),  # [3, L] of the paths then, negative for none; now; at least
+    length: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, L] paths' then, negative for none; now; at least
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] predicted, of the rays
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
     number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
