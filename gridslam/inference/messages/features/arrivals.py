@@ -108,6 +108,16 @@ class Arrivals:
         power = (np.abs(self.output[early]) ** 2).mean(1)
         return bool((self._explained(power, early) > COST).any())
 
+    def first_m(self) -> float:
+        """Length of the path that arrives first, m; 0 if none does."""
+        power = (np.abs(self.output[self.peak]) ** 2).mean(1)
+        heard = self.peak[self._explained(power, self.peak) > COST]
+        if not len(heard):
+            return 0.0
+        before, at, after = np.sqrt((np.abs(self.output[heard[0] - 1 : heard[0] + 2]) ** 2).mean(1))
+        beside = 0.5 * (before - after) / (before - 2 * at + after)  # summit of a parabola
+        return float((heard[0] + beside) * self.step_m)
+
     def seen(self, length_m: Array, coherent: Array, level: Array, comes: bool = False) -> Array:
         """Nats by which lines of sight explain what is received at their lengths, (P, G).
 

@@ -22,6 +22,8 @@ from gridslam.world.geometry import unit
 
 Whole = NDArray[np.int64]
 Part = TypeVar("Part", "Belief", "Images", "Links", "Rings")
+LATER = {"later": True}
+"""Of fields that files of earlier versions lack."""
 MEMORY = 50.0
 """Steps over which an intensity is averaged."""
 FRESH_SIGHT = 0.9
@@ -63,7 +65,7 @@ class Images:
     heard: Array
     age: Whole
     extent: Array = field(metadata={"blank": True})
-    bounces: Whole = field(default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True})
+    bounces: Whole = field(default_factory=lambda: np.zeros(0, np.int64), metadata=LATER)
 
     def __post_init__(self) -> None:
         if len(self) and not len(self.bounces):  # of an earlier version's checkpoint
@@ -168,7 +170,12 @@ class DirectState:
     step, next_identity : int
     time_s : float or None
     one_sided : (J,) int64
-        1 where an anchor was in sight while both sides of it fitted, and no other has told since.
+        1 where an anchor was in sight while both sides of it fitted, and no other has told since; 2 where its
+        distance was vague.
+    firsts : (K, 1 + J)
+        Time (s) of the latest looks at what arrives first, and its length (m) of each anchor; 0: nothing.
+    found_again : bool
+        Whether it begins where first arrivals told that a lost agent is, and they haven't borne it out since.
     """
 
     belief: Belief
@@ -179,7 +186,9 @@ class DirectState:
     step: int = 0
     next_identity: int = 0
     time_s: float | None = None
-    one_sided: Whole = field(default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True})
+    one_sided: Whole = field(default_factory=lambda: np.zeros(0, np.int64), metadata=LATER)
+    firsts: Array = field(default_factory=lambda: np.zeros((0, 0)), metadata=LATER)
+    found_again: bool = field(default=False, metadata=LATER)
 
     @classmethod
     def start(cls, mean: Array, variance: Array, anchors: int, noise: Array | None = None) -> Self:
@@ -187,7 +196,9 @@ class DirectState:
         links = Links.start(anchors)
         links = links if noise is None else replace(links, noise=np.array(noise, np.float64))
         whole = Belief(mean.copy(), np.diag(variance))
-        return cls(whole, links=links, one_sided=np.zeros(anchors, np.int64))
+        return cls(
+            whole, links=links, one_sided=np.zeros(anchors, np.int64), firsts=np.zeros((0, 1 + anchors))
+        )
 
     @property
     def spread_m(self) -> float:
@@ -253,6 +264,7 @@ class DirectState:
             ("intensity", all((c >= 0).all() for c in counts), "0 or more"),
             ("links", all(len(getattr(links, f.name)) == anchors for f in fields(links)), "anchors' rows"),
             ("one_sided", len(self.one_sided) in (0, anchors), "anchors' rows"),
+            ("firsts", self.firsts.shape[1:] == (1 + anchors,) or not self.firsts.size, "anchors' columns"),
             ("tentative", {len(getattr(rings, f.name)) for f in fields(rings)}
              == {len(tentative.intensity)} == {len(tentative.heard)}, "rows of one number"),
             ("tentative/rings", mixture[1:] == (BEARINGS,)
