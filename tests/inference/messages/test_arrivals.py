@@ -10,7 +10,13 @@ from gridslam import runtime
 from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.health.signal_watch import EARLY
 from gridslam.inference.management.features.hybrid_info import conclude
-from gridslam.inference.messages.features.arrivals import COST, OLD_M, Arrivals
+from gridslam.inference.messages.features.arrivals import (
+    COST,
+    OLD_M,
+    Arrivals,
+    arrivals_of,
+    contradictions,
+)
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import Snapshot, counted
 from gridslam.inference.messages.features.learning import Learned
@@ -39,6 +45,24 @@ def test_what_arrives_first_contradicts_longer_lines_of_sight_alone(seed):
     assert max(short, right) < COST  # a shorter one may be hidden
     assert min(long) > right + 50
     assert [both.before(far) for far in (3.0, 5.0, 5.3, 6.5, 9.0)] == [False, False, False, True, True]
+
+
+def test_the_first_path_arrives_at_its_length():
+    assert came([LOS], [30000.0]).first_m() == pytest.approx(5.0, abs=0.02)
+    assert came([BEHIND], [90000.0]).first_m() == pytest.approx(6.5, abs=0.02)
+    assert came([LOS, BEHIND], [30000.0, 90000.0]).first_m() == pytest.approx(5.0, abs=0.1)
+    assert came([], []).first_m() == 0.0
+
+
+def test_steps_and_anchors_that_are_contradicted_are_counted_where_anything_is_heard():
+    model, draw = signal_model(), np.random.default_rng(2)
+    z = np.stack([received(model, (0, 0), 0.4, [LOS], [3000.0], draw) for _ in range(3)])
+    heard = np.array([[True], [False], [True]])
+    arrivals = arrivals_of(z, heard, Front(model.waveform))
+    assert [len(step) for step in arrivals] == [1, 1, 1]
+    assert arrivals[1] == [None]
+    for lengths, count in (([5.0, 5.0, 5.0], 0), ([8.0, 8.0, 5.0], 1), ([8.0, 8.0, 8.0], 2)):
+        assert contradictions(arrivals, np.array(lengths)[:, None]) == count
 
 
 def test_side_lobes_of_a_loud_path_arrive_no_earlier():

@@ -9,6 +9,7 @@ from gridslam.inference.messages.features import proposals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.joint_update import moved_to
 from gridslam.inference.messages.features.learning import JUDGED
+from gridslam.inference.messages.features.prices import PRICES
 from gridslam.inference.messages.features.proposals import (
     AMBIGUOUS,
     CROWD,
@@ -18,7 +19,6 @@ from gridslam.inference.messages.features.proposals import (
     shift_slopes,
     with_proposals,
 )
-from gridslam.inference.messages.features.rivals import PRICES
 from gridslam.inference.messages.features.seeding import (
     IMAGE,
     NONE_M,

@@ -7,6 +7,7 @@ arrives before a line of sight, be it seen or hidden; and it is one wave of one 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -26,6 +27,8 @@ LEAKS = 4.0
 """Least power of an arrival in that of any other's side lobe where it stands: lobes add up."""
 MISFIT = 0.03
 """Share of a line of sight's power that is left of it where it is looked for 5 cm beside its place."""
+DEVIATIONS = 3.0
+"""Of the agent's place, by which a line of sight may be shorter."""
 OLD_M = 0.3
 """How near a path is to where one was the step before, to be the same."""
 HALF, LOBE = 0.5, 0.05
@@ -146,6 +149,23 @@ class Arrivals:
         """Nats that paths explain at some rows, where antennas receive these powers on average."""
         nats: Array = _gain(power / self.noise, self.output.shape[1])
         return np.where(power > LEAKS * self.lobes[rows], nats, 0.0)
+
+
+def arrivals_of(samples: Complex, heard: NDArray[np.bool_], front: Front) -> list[list[Arrivals | None]]:
+    """Those of steps and anchors (K, J, N, M), where heard (K, J)."""
+    return [
+        [Arrivals.of(one, front) if there else None for one, there in zip(step, audible, strict=True)]
+        for step, audible in zip(samples, heard, strict=True)
+    ]
+
+
+def contradictions(arrivals: Sequence[Sequence[Arrivals | None]], length_m: Array) -> int:
+    """Of how many steps and anchors something arrives before a line of sight of this length (K, J)."""
+    return sum(
+        one is not None and one.before(length)
+        for step, lengths in zip(arrivals, length_m.tolist(), strict=True)
+        for one, length in zip(step, lengths, strict=True)
+    )
 
 
 def _gain(level: Array, count: int) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gridslam.errors import InputError
 from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.messages.features import sight
-from gridslam.inference.messages.features.arrivals import Arrivals
+from gridslam.inference.messages.features.arrivals import DEVIATIONS, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.joint_update import SIGHTED, predict
 from gridslam.inference.messages.features.path_products import LEAST_M
@@ -21,8 +21,6 @@ from gridslam.inference.state.features.hybrid_state import HybridState, JointBel
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
-DEVIATIONS = 3.0
-"""Of a line of sight's length, that it may be shorter than believed."""
 LEAP_M, LEAP = 0.5, 5.0
 """How far, in m and in its deviations, an agent has to be moved for its place before to have been wrong."""
 START_STEPS = 10

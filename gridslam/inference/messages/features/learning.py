@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import SIGHTED
-from gridslam.inference.messages.features.rivals import CLEAR, Lesson, best_of, usual_prices
+from gridslam.inference.messages.features.prices import usual_prices
+from gridslam.inference.messages.features.rivals import CLEAR, Lesson, best_of
 from gridslam.inference.messages.features.settling import SIGHTED_STEPS, beginnings
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel

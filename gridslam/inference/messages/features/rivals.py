@@ -14,6 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.features.arrivals import (
+    COST,
+    DEVIATIONS,
+    Arrivals,
+    arrivals_of,
+    contradictions,
+)
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import predict
@@ -22,13 +29,11 @@ from gridslam.inference.messages.features.readings import update_by_readings
 from gridslam.inference.messages.features.seeding import LEAST_GAIN
 from gridslam.inference.messages.features.strangers import update_beside_strangers
 from gridslam.inference.messages.features.ways import apart, drifted, moved_starts, spread_m
-from gridslam.inference.state.features.features import ENTRIES, MOVING, places
+from gridslam.inference.state.features.features import ENTRIES, MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
 
 Complex = NDArray[np.complex128]
-PRICES = np.array([[0.0, 10.0, 10.0], [10.0, 0.0, 10.0]])
-"""Nats that each of these costs, where images are the rule and where scatterers are."""
 CLEAR = 10.0
 """Nats by which one set has to explain a segment better than another to be preferred for it."""
 SEEN = 200.0
@@ -59,7 +64,7 @@ class Rival(NamedTuple):
     Attributes
     ----------
     score : float
-        Log of the segment's evidence, less what so many features cost, nats.
+        Log of the segment's evidence, less what so many features and contradictions cost, nats.
     joint : JointBelief
         At the segment's end.
     track : (K, 4)
@@ -120,6 +125,8 @@ class Lesson:
         Of all its steps.
     tables : list of (K, N, T, 4) float32
         Matched outputs of every anchor: they are the same along any way.
+    arrivals : list of list of Arrivals, (K, J)
+        Of the first steps; of later segments none.
     front : Front
     model : SignalModel
     """
@@ -132,6 +139,7 @@ class Lesson:
     drift_m: float
     samples: Complex
     tables: list[Tables]
+    arrivals: list[list[Arrivals | None]]
     front: Front
     model: SignalModel
 
@@ -141,10 +149,12 @@ class Lesson:
     ) -> Lesson:
         """That of a state's segment."""
         before, samples = state.before, segment.samples
+        looks = segment if len(segment) <= START_STEPS else segment.first(0)
         return cls(
             before, state.before_s, state.step - len(segment), state.next_identity, judged,
             drifted(before, segment, state.before_s, model), samples,
-            [front.tables(samples[:, j]) for j in range(len(model.anchors))], front, model,
+            [front.tables(samples[:, j]) for j in range(len(model.anchors))],
+            arrivals_of(looks.samples, looks.heard, front), front, model,
         )  # fmt: skip
 
     def rivals(
@@ -193,6 +203,9 @@ class Lesson:
             lead = np.cumsum(other.evidence) - saved - slack
         joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
         known = len(self.before.features) > 0
+        way = track[:, None, :2] - self.model.anchors[:, :2]
+        nearest = np.sqrt((way**2).sum(-1)) - DEVIATIONS * np.sqrt(np.trace(joint.agent_covariance[:2, :2]))
+        cost += COST * contradictions(self.arrivals, nearest[: len(self.arrivals)])  # (M536)
         return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint), known)
 
     def _beside_way(self, way: Segment) -> Array:
@@ -334,14 +347,3 @@ def replay(
             evidence[k] = -np.inf
             break
     return belief, evidence, track
-
-
-def usual_prices(belief: JointBelief, model: SignalModel) -> Array:
-    """What kinds of features cost, (1 or 2, 3): by the kind of most that are known, or either to be tried."""
-    bank = belief.features
-    if not len(bank):
-        return PRICES
-    place = places(belief.mean, bank.origin_m)
-    far = np.hypot(*(place[:, :2] - model.anchors[bank.anchor, :2]).T)
-    scattered = int((place[:, 2] > 0.5 * far).sum())
-    return PRICES[[int(2 * scattered > len(bank))]]

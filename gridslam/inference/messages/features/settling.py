@@ -13,13 +13,13 @@ import numpy as np
 
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.feature_likelihood import Front
+from gridslam.inference.messages.features.prices import usual_prices
 from gridslam.inference.messages.features.rivals import (
     CLEAR,
     FOLLOWED,
     Lesson,
     Rival,
     best_of,
-    usual_prices,
 )
 from gridslam.inference.messages.features.ways import apart, straight_ways
 from gridslam.inference.state.features.features import MOVING

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from gridslam.arrays import replace
-from gridslam.inference.messages.features.arrivals import Arrivals
+from gridslam.inference.messages.features.arrivals import DEVIATIONS, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.state.samples.images import DirectState
 from gridslam.world.signal_model import SignalModel
@@ -22,8 +22,6 @@ EVERY = 3
 """Steps from one look to the next: a world stays mirrored for long."""
 LOOKS = 6
 """That are kept."""
-DEVIATIONS = 3.0
-"""Of the agent's place, by which a line of sight may be shorter."""
 LEAST_M = 0.1
 """Shorter lines of sight have no direction."""
 
