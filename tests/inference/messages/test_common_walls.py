@@ -169,6 +169,24 @@ def test_a_proposed_image_is_judged_without_what_stands_in_for_it(model):
     assert confirm_proposals(long).images.bounces.tolist() == [0, 1]
 
 
+@pytest.mark.parametrize("crosses", [False, True])
+def test_who_stays_in_a_sure_images_place_goes_and_who_crosses_it_stays(model, crosses):
+    """As far away on another side: on the way to their middle both lengthen alike, across it they part."""
+    place, start = images_of(model, 1)[0], model.start_mean[:2]
+    away = place - start
+    aside = np.array([-away[1], away[0]])
+    stranger = start + np.cos(0.7) * away + np.sin(0.7) * aside
+    state = with_images(model, (1, place, 1), (1, stranger, 0), spread=0.3)
+    middle = away + stranger - start
+    toward = middle if not crosses else np.array([-middle[1], middle[0]])
+    mean = state.belief.mean.copy()
+    mean[2:4] = 0.02 * toward / np.linalg.norm(toward)
+    state = replace(state, belief=replace(state.belief, mean=mean))
+    after = retire_substitutes(*sampled(state, model, 1, [place], 1))
+    assert after.images.existence[0] == state.images.existence[0]
+    assert (after.images.existence[1] < state.images.existence[1]) == (not crosses)
+
+
 def test_a_proposed_image_without_a_path_is_given_up(model):
     state = with_images(model, (0, images_of(model, 0)[0], 0))
     state = propose_images(*sampled(state, model, 1, [images_of(model, 1)[0]], 1), model)
