@@ -51,6 +51,12 @@ def test_a_wall_that_one_anchor_shows_mirrors_the_other_one(model):
     assert len(places_by_walls(state, 0, model)) == 0  # its own wall tells an anchor nothing
 
 
+@pytest.mark.parametrize(("bounces", "count"), [(1, 1), (2, 0)])
+def test_a_vague_wall_tells_where_paths_are_few(model, bounces, count):
+    state = with_images(model, (0, images_of(model, 0)[0], 0), spread=0.3)
+    assert len(places_by_walls(state, 1, replace(model, max_bounces=bounces))) == count
+
+
 def test_the_farthest_of_three_places_is_the_double_bounce(model):
     floor, side, both = images_of(model, 1)
     places = places_by_walls(with_images(model, (1, floor, 0), (1, side, 0)), 1, model)

@@ -11,13 +11,13 @@ from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.common_walls import (
     ONE_BOUNCE,
-    SPREAD_M,
     SURE,
     TIE_M,
     Places,
     farness,
     image_there,
     places_by_walls,
+    said_m,
     widest,
 )
 from gridslam.inference.state.rings import MOVING, follow, symmetric
@@ -52,7 +52,7 @@ def share_walls(state: DirectState, model: FilterModel) -> DirectState:
 def _tied(state: DirectState, anchor: int, places: Places, model: FilterModel) -> DirectState:
     """Correct the belief by "this image is at that place", for one image that surely is."""
     worth = places.log_worth(model.anchor_positions[anchor], model)
-    known = (state.images.anchor == anchor) & (widest(state.place_covariances) < SPREAD_M)
+    known = (state.images.anchor == anchor) & (widest(state.place_covariances) < said_m(model))
     for row in np.flatnonzero(known).tolist():
         gap = state.places[row] - places.place
         near = np.flatnonzero((np.linalg.norm(gap, axis=1) < NEAR_M) & (places.maker != row))
