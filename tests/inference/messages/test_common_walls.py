@@ -98,6 +98,26 @@ def test_images_in_one_wall_are_tied_once_and_narrow_each_other(model):
     assert share_walls(tied, model) is tied
 
 
+@pytest.mark.parametrize(
+    ("visible", "beside", "comes_back"), [(0.01, 0.0, True), (0.01, 0.6, False), (0.9, 0.0, False)]
+)
+def test_a_ring_where_an_image_was_heard_is_that_image_back_again(model, visible, beside, comes_back):
+    place = np.array([12.0, 7.0])
+    state = with_images(model, (1, place, 0))
+    state = replace(
+        state, images=replace(state.images, visible=np.full(1, visible), existence=np.full(1, 0.6))
+    )
+    away = float(np.linalg.norm(place - state.belief.mean[:2]))
+    fresh = ring_at(state, model, 1, away + beside)
+    assert len(share_walls(fresh, model).tentative) == 1  # it may be another wall's
+    after = share_walls(leaning(fresh, place), model)
+    assert len(after.tentative) == (0 if comes_back else 1)
+    assert len(after.images) == 1
+    if comes_back:
+        assert (after.images.visible[0], after.images.intensity[0]) == (0.95, 50.0)
+        assert after.images.existence[0] == pytest.approx(0.99)
+
+
 def test_images_of_different_walls_are_not_tied(model):
     state = with_images(model, (0, images_of(model, 0)[0], 0), (1, images_of(model, 1)[0] + 0.4, 0))
     assert share_walls(state, model) is state
@@ -107,6 +127,14 @@ def ring_at(state, model, anchor, distance):
     return add_tentative(state, anchor, [NewDistance(0.99, distance, 0.01**2, 50.0)], model)
 
 
+def leaning(state, place):
+    """The state with its only ring within 1 m of a place."""
+    rings = state.tentative.rings
+    weight = (np.linalg.norm(rings.mean[:, :, 4:] - place, axis=-1) < 1.0).astype(float)
+    rings = replace(rings, weight=weight / weight.sum())
+    return replace(state, tentative=replace(state.tentative, rings=rings))
+
+
 def test_a_ring_where_a_known_wall_puts_an_image_settles_there(model):
     state = with_images(model, (0, images_of(model, 0)[0], 0))
     place = images_of(model, 1)[0]
@@ -114,12 +142,7 @@ def test_a_ring_where_a_known_wall_puts_an_image_settles_there(model):
     other = ring_at(state, model, 1, away + 0.6)
     assert len(share_walls(other, model).tentative) == 1
     # a fresh ring may be another wall's: it must lean towards the place
-    fresh = ring_at(state, model, 1, away)
-    rings = fresh.tentative.rings
-    near = np.linalg.norm(rings.mean[0, :, 4:] - place, axis=-1) < 1.0
-    weight = np.where(near, 1.0, 0.0)[None]
-    rings = replace(rings, weight=weight / weight.sum())
-    settled = share_walls(replace(fresh, tentative=replace(fresh.tentative, rings=rings)), model)
+    settled = share_walls(leaning(ring_at(state, model, 1, away), place), model)
     assert len(settled.tentative) == 0
     assert settled.images.bounces.tolist() == [1, 1]
     np.testing.assert_allclose(settled.places[1], place, atol=1e-9)
