@@ -108,9 +108,11 @@ def _returned(state: DirectState, anchor: int, model: FilterModel) -> DirectStat
     """Give an image that is away the path of a ring that surely stands in its place, for one ring (M545)."""
     images, tentative, rings = state.images, state.tentative, state.tentative.rings
     sure = np.flatnonzero((rings.anchor == anchor) & (rings.existence > SURE))
-    known = widest(state.place_covariances) < said_m(model)
-    away = np.flatnonzero((images.anchor == anchor) & (images.bounces >= 0) & (images.visible < AWAY) & known)
+    away = np.flatnonzero((images.anchor == anchor) & (images.bounces >= 0) & (images.visible < AWAY))
     if not len(sure) or not len(away):
+        return state
+    away = away[widest(state.place_covariances[away]) < said_m(model)]
+    if not len(away):
         return state
     place, covariance = state.places[away], state.place_covariances[away]
     span = np.linalg.norm(place - model.anchor_positions[anchor], axis=1)
