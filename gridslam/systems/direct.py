@@ -121,7 +121,7 @@ def step(
         state = retire_substitutes(state, paths, found)
         state = add_tentative(state, anchor, found.new, model)
         state = propose_images(state, paths, found, model)
-        state = reclaim_line_of_sight(state, paths, found.mode)  # rows may go
+        state = reclaim_line_of_sight(state, paths, found.mode, model)  # rows may go
         every.append(paths)
         findings.append(found)
     state = forbid_own_place(state, model)

@@ -51,6 +51,12 @@ def test_a_wall_that_one_anchor_shows_mirrors_the_other_one(model):
     assert len(places_by_walls(state, 0, model)) == 0  # its own wall tells an anchor nothing
 
 
+@pytest.mark.parametrize(("bounces", "count"), [(1, 1), (2, 0)])
+def test_a_vague_wall_tells_where_paths_are_few(model, bounces, count):
+    state = with_images(model, (0, images_of(model, 0)[0], 0), spread=0.3)
+    assert len(places_by_walls(state, 1, replace(model, max_bounces=bounces))) == count
+
+
 def test_the_farthest_of_three_places_is_the_double_bounce(model):
     floor, side, both = images_of(model, 1)
     places = places_by_walls(with_images(model, (1, floor, 0), (1, side, 0)), 1, model)
@@ -92,6 +98,26 @@ def test_images_in_one_wall_are_tied_once_and_narrow_each_other(model):
     assert share_walls(tied, model) is tied
 
 
+@pytest.mark.parametrize(
+    ("visible", "beside", "comes_back"), [(0.01, 0.0, True), (0.01, 0.6, False), (0.9, 0.0, False)]
+)
+def test_a_ring_where_an_image_was_heard_is_that_image_back_again(model, visible, beside, comes_back):
+    place = np.array([12.0, 7.0])
+    state = with_images(model, (1, place, 0))
+    state = replace(
+        state, images=replace(state.images, visible=np.full(1, visible), existence=np.full(1, 0.6))
+    )
+    away = float(np.linalg.norm(place - state.belief.mean[:2]))
+    fresh = ring_at(state, model, 1, away + beside)
+    assert len(share_walls(fresh, model).tentative) == 1  # it may be another wall's
+    after = share_walls(leaning(fresh, place), model)
+    assert len(after.tentative) == (0 if comes_back else 1)
+    assert len(after.images) == 1
+    if comes_back:
+        assert (after.images.visible[0], after.images.intensity[0]) == (0.95, 50.0)
+        assert after.images.existence[0] == pytest.approx(0.99)
+
+
 def test_images_of_different_walls_are_not_tied(model):
     state = with_images(model, (0, images_of(model, 0)[0], 0), (1, images_of(model, 1)[0] + 0.4, 0))
     assert share_walls(state, model) is state
@@ -101,6 +127,14 @@ def ring_at(state, model, anchor, distance):
     return add_tentative(state, anchor, [NewDistance(0.99, distance, 0.01**2, 50.0)], model)
 
 
+def leaning(state, place):
+    """The state with its only ring within 1 m of a place."""
+    rings = state.tentative.rings
+    weight = (np.linalg.norm(rings.mean[:, :, 4:] - place, axis=-1) < 1.0).astype(float)
+    rings = replace(rings, weight=weight / weight.sum())
+    return replace(state, tentative=replace(state.tentative, rings=rings))
+
+
 def test_a_ring_where_a_known_wall_puts_an_image_settles_there(model):
     state = with_images(model, (0, images_of(model, 0)[0], 0))
     place = images_of(model, 1)[0]
@@ -108,12 +142,7 @@ def test_a_ring_where_a_known_wall_puts_an_image_settles_there(model):
     other = ring_at(state, model, 1, away + 0.6)
     assert len(share_walls(other, model).tentative) == 1
     # a fresh ring may be another wall's: it must lean towards the place
-    fresh = ring_at(state, model, 1, away)
-    rings = fresh.tentative.rings
-    near = np.linalg.norm(rings.mean[0, :, 4:] - place, axis=-1) < 1.0
-    weight = np.where(near, 1.0, 0.0)[None]
-    rings = replace(rings, weight=weight / weight.sum())
-    settled = share_walls(replace(fresh, tentative=replace(fresh.tentative, rings=rings)), model)
+    settled = share_walls(leaning(ring_at(state, model, 1, away), place), model)
     assert len(settled.tentative) == 0
     assert settled.images.bounces.tolist() == [1, 1]
     np.testing.assert_allclose(settled.places[1], place, atol=1e-9)
@@ -167,6 +196,24 @@ def test_a_proposed_image_is_judged_without_what_stands_in_for_it(model):
     assert confirm_proposals(state).images.bounces.tolist() == [0, -1]  # not heard for long yet
     long = replace(state, images=replace(state.images, heard=np.full(2, 20.0)))
     assert confirm_proposals(long).images.bounces.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("crosses", [False, True])
+def test_who_stays_in_a_sure_images_place_goes_and_who_crosses_it_stays(model, crosses):
+    """As far away on another side: on the way to their middle both lengthen alike, across it they part."""
+    place, start = images_of(model, 1)[0], model.start_mean[:2]
+    away = place - start
+    aside = np.array([-away[1], away[0]])
+    stranger = start + np.cos(0.7) * away + np.sin(0.7) * aside
+    state = with_images(model, (1, place, 1), (1, stranger, 0), spread=0.3)
+    middle = away + stranger - start
+    toward = middle if not crosses else np.array([-middle[1], middle[0]])
+    mean = state.belief.mean.copy()
+    mean[2:4] = 0.02 * toward / np.linalg.norm(toward)
+    state = replace(state, belief=replace(state.belief, mean=mean))
+    after = retire_substitutes(*sampled(state, model, 1, [place], 1))
+    assert after.images.existence[0] == state.images.existence[0]
+    assert (after.images.existence[1] < state.images.existence[1]) == (not crosses)
 
 
 def test_a_proposed_image_without_a_path_is_given_up(model):

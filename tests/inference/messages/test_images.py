@@ -118,10 +118,37 @@ def test_the_line_of_sight_is_reclaimed_from_what_stands_in_its_place(model):
         assert len(state.images) == 2
         paths = predict_paths(state, 0, model)
         mode = joint_mode(BAND, 20 * BAND.response(far), paths.prior, 1.0)
-        state = reclaim_line_of_sight(state, paths, mode)
+        state = reclaim_line_of_sight(state, paths, mode, model)
     assert state.images.identity.tolist() == [1]
     assert state.links.visible[0] == 0.9
     assert state.links.intensity[0] == 50.0
+
+
+@pytest.mark.parametrize(("deviation", "stays"), [(0.4, False), (1.2, True)])
+def test_an_agent_that_drifted_is_put_where_its_line_of_sight_says(model, deviation, stays):
+    """The shortest path, 0.5 m farther than the anchor is believed to be; if that is known to c/B at all."""
+    agent, anchor = model.start_mean[:2], model.anchor_positions[0]
+    far = np.linalg.norm(agent - anchor)
+    state = state_with(model, agent + (far + 0.5) * unit(0.3), agent + (far + 0.7) * unit(1.0))
+    links = replace(state.links, visible=np.array([0.1, 0.9]), intensity=np.ones(2), noise=np.ones(2))
+    covariance = state.belief.covariance.copy()
+    covariance[:2, :2] = deviation**2 * np.eye(2)
+    images = replace(state.images, existence=np.full(2, 0.99), visible=np.full(2, 0.99))
+    state = replace(state, links=links, images=images)
+    state = replace(state, belief=replace(state.belief, covariance=covariance))
+    lengths = np.array([far, far + 0.5, far + 0.7])
+    for _ in range(5):
+        assert len(state.images) == 2
+        paths = predict_paths(state, 0, model)
+        mode = Mode(lengths, 1e-4 * np.eye(3), 0.0, BAND, BAND.response(far), paths.prior.weight, 1.0)
+        state = reclaim_line_of_sight(state, paths, mode, model)
+    if stays:
+        assert len(state.images) == 2
+        return
+    assert state.images.identity.tolist() == [1]
+    assert state.links.visible[0] == 0.9
+    assert np.linalg.norm(state.belief.mean[:2] - anchor) == pytest.approx(far + 0.5, abs=0.03)
+    assert state.belief.covariance[0, 0] + state.belief.covariance[1, 1] < 1.1 * deviation**2
 
 
 @pytest.mark.slow

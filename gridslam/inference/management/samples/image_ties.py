@@ -7,19 +7,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, put
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.common_walls import (
     ONE_BOUNCE,
-    SPREAD_M,
+    SINGLE,
     SURE,
     TIE_M,
+    UNKNOWN,
     Places,
     farness,
     image_there,
     places_by_walls,
+    said_m,
     widest,
 )
+from gridslam.inference.messages.samples.image_prediction import AWAY
 from gridslam.inference.state.rings import MOVING, follow, symmetric
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.filter_model import FilterModel
@@ -39,9 +42,11 @@ VISIBLE = 0.95
 def share_walls(state: DirectState, model: FilterModel) -> DirectState:
     """Tie a settled image of each anchor, and settle a ring, where walls that other images show put them.
 
-    One of each at a time: places move with it, and the next step is soon.
+    One of each at a time: places move with it, and the next step is soon. A ring that stands where a settled
+    image's path was away from is that image, back again.
     """
     for anchor in range(len(model.anchor_positions)):
+        state = _returned(state, anchor, model)
         places = places_by_walls(state, anchor, model)
         if len(places):
             tied = _tied(state, anchor, places, model)
@@ -52,7 +57,7 @@ def share_walls(state: DirectState, model: FilterModel) -> DirectState:
 def _tied(state: DirectState, anchor: int, places: Places, model: FilterModel) -> DirectState:
     """Correct the belief by "this image is at that place", for one image that surely is."""
     worth = places.log_worth(model.anchor_positions[anchor], model)
-    known = (state.images.anchor == anchor) & (widest(state.place_covariances) < SPREAD_M)
+    known = (state.images.anchor == anchor) & (widest(state.place_covariances) < said_m(model))
     for row in np.flatnonzero(known).tolist():
         gap = state.places[row] - places.place
         near = np.flatnonzero((np.linalg.norm(gap, axis=1) < NEAR_M) & (places.maker != row))
@@ -87,11 +92,7 @@ def _settled(state: DirectState, anchor: int, places: Places, model: FilterModel
     worth = places.take(free).log_worth(model.anchor_positions[anchor], model)
     tentative, rings = state.tentative, state.tentative.rings
     for row in np.flatnonzero((rings.anchor == anchor) & (rings.existence > SURE)).tolist():
-        live = rings.weight[row] > 0
-        gap = rings.mean[row, live][:, MOVING:] - places.place[free][:, None]
-        spread = rings.covariance[row, live][:, MOVING:, MOVING:] + places.covariance[free][:, None]
-        logs = _log_normal(gap, spread) + np.log(rings.weight[row, live])
-        best = _decided(np.logaddexp.reduce(logs, axis=1) + worth)
+        best = _decided(_log_densities(state, row, places.place[free], places.covariance[free]) + worth)
         if best is not None:
             which = int(free[best])
             state = image_there(
@@ -101,6 +102,44 @@ def _settled(state: DirectState, anchor: int, places: Places, model: FilterModel
             images = _marked(state.images, len(state.images) - 1, places, which)
             return replace(state, images=images, tentative=tentative.take(np.arange(len(rings)) != row))
     return state
+
+
+def _returned(state: DirectState, anchor: int, model: FilterModel) -> DirectState:
+    """Give an image that is away the path of a ring that surely stands in its place, for one ring (M545)."""
+    images, tentative, rings = state.images, state.tentative, state.tentative.rings
+    sure = np.flatnonzero((rings.anchor == anchor) & (rings.existence > SURE))
+    away = np.flatnonzero((images.anchor == anchor) & (images.bounces >= 0) & (images.visible < AWAY))
+    if not len(sure) or not len(away):
+        return state
+    away = away[widest(state.place_covariances[away]) < said_m(model)]
+    if not len(away):
+        return state
+    place, covariance = state.places[away], state.place_covariances[away]
+    span = np.linalg.norm(place - model.anchor_positions[anchor], axis=1)
+    worth = np.log(SINGLE * images.existence[away] * 4 * np.pi * model.radius_m * span / UNKNOWN)
+    for row in sure.tolist():
+        best = _decided(_log_densities(state, row, place, covariance) + worth)
+        if best is not None:
+            image = away[best]
+            images = replace(
+                images,
+                existence=put(images.existence, image, max(images.existence[image], rings.existence[row])),
+                visible=put(images.visible, image, VISIBLE),
+                intensity=put(images.intensity, image, tentative.intensity[row]),
+                heard=put(images.heard, image, tentative.heard[row]),
+            )
+            return replace(state, images=images, tentative=tentative.take(np.arange(len(rings)) != row))
+    return state
+
+
+def _log_densities(state: DirectState, row: int, place: Array, covariance: Array) -> Array:
+    """Log density (C,) of a ring's image at places (C, 2) known to covariances, 1/m^2."""
+    rings = state.tentative.rings
+    live = rings.weight[row] > 0
+    gap = rings.mean[row, live][:, MOVING:] - place[:, None]
+    spread = rings.covariance[row, live][:, MOVING:, MOVING:] + covariance[:, None]
+    logs = _log_normal(gap, spread) + np.log(rings.weight[row, live])
+    return np.asarray(np.logaddexp.reduce(logs, axis=1))
 
 
 def _marked(images: Images, row: int, places: Places, which: int) -> Images:

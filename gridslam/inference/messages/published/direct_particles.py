@@ -115,12 +115,14 @@ def expect(state: ParticleState, anchor: int, band: Band) -> Expected:
 
 def agent_message(state: ParticleState, expected: Expected, band: Band, samples: Complex) -> Array:
     """Log of iota (P,), eq. (5), (M381): one particle of each well-known feature for each of the agent's."""
-    own = state.features.take(expected.rows)
-    sharp = (expected.distance.std(-1) < STACKED_M) & (own.existence > STACKED_EXISTENCE)
+    existence = state.features.existence[expected.rows]
+    sharp = existence > STACKED_EXISTENCE
+    sharp[sharp] = expected.distance[sharp].std(-1) < STACKED_M
     if not sharp.any():
         return np.zeros(len(state.agent))
     series = ResponseSeries.of(band, samples, expected.terms[~sharp].sum(0), expected.noise)
-    power = own.existence[sharp, None] * own.intensity[sharp] / expected.noise
+    power = state.features.intensity[expected.rows[sharp]]
+    power *= existence[sharp, None] / expected.noise
     return series.log_densities(expected.distance[sharp], power)
 
 

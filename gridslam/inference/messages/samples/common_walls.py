@@ -23,7 +23,10 @@ from gridslam.world.geometry import line_between, mirror, mirror_derivative, uni
 SURE = 0.9
 """Existence of an image that says where others are."""
 SPREAD_M = 0.2
-"""Deviation of a place, along its worst direction, beyond which nothing is said."""
+"""Deviation of a place, along its worst direction, beyond which it isn't known."""
+SAID_M = 0.6, 0.2
+"""The same, beyond which nothing is said of other places, where walls reflect once and where they do twice:
+ten or more paths are there then, and at a vague place stands one of any wall."""
 TIE_M = 0.01
 """How well images in one wall agree: walls are that plane."""
 SINGLE, DOUBLE = 0.3, 0.1
@@ -86,9 +89,9 @@ def places_by_walls(
     taken : (T, 2) m
         No places within `APART_M` of these.
     """
-    images, position = state.images, model.anchor_positions
+    images, position, most = state.images, model.anchor_positions, said_m(model)
     known = (images.existence > SURE) & (images.bounces >= 0) & (images.bounces < TWO_BOUNCES)
-    rows = np.flatnonzero(known & (widest(state.place_covariances) < SPREAD_M))
+    rows = np.flatnonzero(known & (widest(state.place_covariances) < most))
     line = line_between(position[images.anchor], state.places)
     places = _single(state, rows[images.anchor[rows] != anchor], line, anchor, model, taken)
     if model.max_bounces > 1:
@@ -102,10 +105,15 @@ def places_by_walls(
     worst = widest(places.covariance)
     far = np.linalg.norm(places.place - position[anchor], axis=-1) > OWN_PLACE_M
     order = np.lexsort((worst, places.bounces))
-    places = places.take(order[(far & (worst < SPREAD_M))[order]])
+    places = places.take(order[(far & (worst < most))[order]])
     apart = np.linalg.norm(places.place[:, None] - places.place, axis=-1)
     twin = np.tril((apart < SAME_M) & (places.bounces[:, None] == places.bounces), -1).any(1)
     return places.take(np.flatnonzero(~twin))
+
+
+def said_m(model: FilterModel) -> float:
+    """Deviation of a place beyond which nothing is said of others, m."""
+    return SAID_M[0 if model.max_bounces < TWO_BOUNCES else 1]
 
 
 def _single(

@@ -12,6 +12,7 @@ from gridslam.inference.messages.samples.common_walls import SPREAD_M, image_the
 from gridslam.inference.messages.samples.image_births import Found
 from gridslam.inference.messages.samples.image_prediction import AnchorPaths
 from gridslam.inference.messages.samples.signal_likelihood import Inverse, log_ratio
+from gridslam.inference.state.rings import MOVING
 from gridslam.inference.state.samples.images import DirectState
 from gridslam.world.filter_model import FilterModel
 
@@ -28,8 +29,13 @@ WORTH = 3.0
 """Log ratio at which an image is proposed."""
 MOST = 3
 """Images proposed per anchor and step."""
+LEAST_SPEED = 1e-6
+"""m/s, of an agent that goes somewhere."""
 HALVED, SUREST = 0.5, 20.0
 """What a step in a confirmed image's place does to the odds of what stood there, which are at most this."""
+TRAVEL_M, SURELY = 1.0, 2.0
+"""A path that the agent's way leads away from another one's place, within so many metres and by so many
+deviations of its direction, crosses it and doesn't stand there."""
 POINTS = np.linspace(-2, 2, 9)
 """Where a proposed image's path is tried, in deviations."""
 
@@ -91,16 +97,20 @@ def judge_proposals(state: DirectState, paths: AnchorPaths, found: Found) -> tup
 
 
 def retire_substitutes(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
-    """Rings, and images known badly, that stand where a confirmed image's path is are hardly there."""
+    """Rings, and images known badly, that stay where a confirmed image's path is are hardly there.
+
+    Two paths that cross stand beside each other for some steps, too, and both are there.
+    """
     images, rows, joint = state.images, paths.images, paths.joint
     sure = (images.bounces[rows] != 0) & (images.existence[rows] > CONFIRMED) & (images.visible[rows] > 0.5)
-    stands = _untied(state, paths, found)
-    stands &= _beside(found, 1 + np.flatnonzero(sure)).any(0)
+    untied, known = _untied(state, paths, found), 1 + np.flatnonzero(sure)
+    stands = untied & _beside(found, known)
     if not stands.any():
         return state
-    loose = rows[stands[1:joint] & (widest(state.place_covariances)[rows] > SPREAD_M)]
+    stays: Flags = np.any(stands & ~_crossing(state, paths, found, known), axis=0)
+    loose = rows[stays[1:joint] & (widest(state.place_covariances)[rows] > SPREAD_M)]
     rings = state.tentative.rings
-    idle = paths.tentative[stands[joint : joint + len(paths.tentative)]]
+    idle = paths.tentative[stays[joint : joint + len(paths.tentative)]]
     images = replace(images, existence=_halved(images.existence, loose))
     rings = replace(rings, existence=_halved(rings.existence, idle))
     return replace(state, images=images, tentative=replace(state.tentative, rings=rings))
@@ -119,6 +129,39 @@ def _beside(found: Found, rows: ArrayLike) -> Flags:
     mode, some = found.mode, np.asarray(rows)[:, None]
     reach = GATE * np.sqrt(mode.variance[some]) + GATE_M
     return np.asarray(np.abs(mode.distance - mode.distance[some]) < reach)
+
+
+def _crossing(state: DirectState, paths: AnchorPaths, found: Found, rows: NDArray[np.intp]) -> Flags:
+    """Which of the mode's paths only cross the place of each of some (R), (R, N) (M543)."""
+    mean, spread = _gained(state, paths)
+    fill = len(found.mode.distance) - len(mean)  # new paths lead anywhere
+    gained, doubt = np.append(mean, np.zeros(fill)), np.append(spread, np.full(fill, np.inf))
+    opens = np.abs(gained - gained[rows, None]) - SURELY * np.hypot(doubt, doubt[rows, None])
+    reach = GATE * np.sqrt(found.mode.variance[rows, None]) + GATE_M
+    return np.asarray(TRAVEL_M * opens > reach)
+
+
+def _gained(state: DirectState, paths: AnchorPaths) -> tuple[Array, Array]:
+    """By how much each path (1 + S + R,) lengthens per metre of the agent's way, and deviations."""
+    speed = float(np.hypot(*state.belief.mean[2:4]))
+    ahead = state.belief.mean[2:4] / max(speed, LEAST_SPEED)
+    aside = np.array([-ahead[1], ahead[0]])
+    place, covariance = state.places[paths.images], state.place_covariances[paths.images]
+    away = state.belief.mean[:2] - place
+    distance = np.maximum(np.linalg.norm(away, axis=1), 1e-6)
+    toward = away / distance[:, None]
+    across = np.stack([-toward[:, 1], toward[:, 0]], -1)
+    turn = np.sqrt(np.einsum("si,sij,sj->s", across, covariance, across)) / distance
+    rings = state.tentative.rings.take(paths.tentative)
+    apart = rings.mean[..., :2] - rings.mean[..., MOVING:]
+    gains = (apart @ ahead) / np.maximum(np.linalg.norm(apart, axis=-1), 1e-6)
+    mean = (rings.weight * gains).sum(-1)
+    deviation = np.sqrt((rings.weight * (gains - mean[:, None]) ** 2).sum(-1))
+    own = paths.slope[0, :2] @ ahead
+    return (
+        np.concatenate([[own], toward @ ahead, mean]),
+        np.concatenate([[0.0], turn * np.abs(toward @ aside), deviation]),
+    )
 
 
 def _alone(found: Found, out: Flags, distance: Array) -> tuple[Array, Array]:

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, put, replace
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.distance_mode import Mode
 from gridslam.inference.messages.samples.image_births import Found
-from gridslam.inference.messages.samples.image_prediction import AnchorPaths
+from gridslam.inference.messages.samples.image_prediction import AnchorPaths, image_distances
 from gridslam.inference.messages.samples.image_proposals import judge_proposals
 from gridslam.inference.messages.samples.signal_likelihood import Band, log_ratio
+from gridslam.inference.state.rings import follow, symmetric
 from gridslam.inference.state.samples.images import MEMORY, DirectState, Links
 from gridslam.world.filter_model import FilterModel
 
@@ -28,6 +30,9 @@ CERTAIN = 1 - 1e-7
 USURPED_BELOW, USURPER_ABOVE, USURPER_M, USURPED_STEPS = 0.3, 0.5, 0.2, 5
 """When another path has taken the line of sight's place: visibility below, existence above, gap, steps."""
 RECLAIMED = 0.9
+FIRST_ABOVE, REACH, ERROR_M = 0.9, 2.0, 0.03
+"""Where the agent has drifted: existence of the path that is its line of sight, how far off that may be, in
+deviations of the predicted length, and what its length is off beside its variance."""
 
 
 def start_levels(
@@ -124,26 +129,31 @@ def watch_fit(state: DirectState, paths: AnchorPaths, found: Found) -> DirectSta
     return replace(state, watch=watch)
 
 
-def reclaim_line_of_sight(state: DirectState, paths: AnchorPaths, mode: Mode) -> DirectState:
+def reclaim_line_of_sight(
+    state: DirectState, paths: AnchorPaths, mode: Mode, model: FilterModel
+) -> DirectState:
     """Where another path has stood in the line of sight's place for some steps, it was the line of sight.
 
     Of two paths within the resolution either may settle on the other's energy at the start, and what holds
-    the larger intensity then wins for good.
+    the larger intensity then wins for good. If the agent has drifted since, its place is put right (M544).
     """
     anchor, links, joint = paths.anchor, state.links, paths.joint
     chances = np.concatenate(
         [state.images.existence[paths.images] * state.images.visible[paths.images],
          state.tentative.rings.existence[paths.tentative]]
     )  # fmt: skip
-    gap = np.abs(mode.distance[1 : 1 + len(chances)] - paths.prior.mean[0])
-    beside = (gap < USURPER_M) & (chances > USURPER_ABOVE)
+    gap = mode.distance[1 : 1 + len(chances)] - paths.prior.mean[0]
+    deviation = float(np.sqrt(paths.covariance[0, 0]))
+    drifted = USURPER_M < deviation < mode.band.resolution_m
+    near = USURPER_M + (REACH * deviation if drifted else 0.0)
+    beside = (np.abs(gap) < near) & (chances > (FIRST_ABOVE if drifted else USURPER_ABOVE))
     if links.visible[anchor] >= USURPED_BELOW or not beside.any():
         return replace(state, links=replace(links, usurped=put(links.usurped, anchor, 0)))
     steps = int(links.usurped[anchor]) + 1
     links = replace(links, usurped=put(links.usurped, anchor, steps))
     if steps < USURPED_STEPS:
         return replace(state, links=links)
-    which = int(np.flatnonzero(beside)[gap[beside].argmin()])
+    which = int(np.flatnonzero(beside)[(gap if drifted else np.abs(gap))[beside].argmin()])
     if which < joint - 1:
         row = paths.images[which]
         intensity = state.images.intensity[row]
@@ -156,4 +166,20 @@ def reclaim_line_of_sight(state: DirectState, paths: AnchorPaths, mode: Mode) ->
         links, visible=put(links.visible, anchor, RECLAIMED), usurped=put(links.usurped, anchor, 0),
         intensity=put(links.intensity, anchor, float(intensity)), heard=put(links.heard, anchor, 1.0),
     )  # fmt: skip
+    if drifted:
+        variance = float(mode.variance[1 + which]) + ERROR_M**2
+        state = _as_far(state, model.anchor_positions[anchor], float(mode.distance[1 + which]), variance)
     return replace(state, links=links)
+
+
+def _as_far(state: DirectState, position: Array, distance: float, variance: float) -> DirectState:
+    """Correct the belief by the agent's distance from an anchor at a position (2,)."""
+    before = state.belief
+    (mean,), (slope,), ((spread,),) = image_distances(state, np.zeros(0, np.intp), position)
+    whole, cross = spread + variance, before.covariance @ slope
+    after = Belief(
+        before.mean + cross * ((distance - mean) / whole),
+        symmetric(before.covariance - np.outer(cross, cross) / whole),
+    )
+    rings = follow(state.tentative.rings, before, after)
+    return replace(state, belief=after, tentative=replace(state.tentative, rings=rings))

@@ -28,6 +28,8 @@ density by about this, where the density is that of the samples; likely particle
 CHUNKS = 16
 """Into which particles are cut for threads, which share no scratch."""
 TRUE = np.ones(1)
+FAINTEST = 1e-9
+"""Power over the noise's that a path has at least: as good as none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,9 @@ class ResponseSeries:
         size, turn = np.abs(band.pulse), np.exp(-1j * np.angle(band.pulse))
         samples, extra = turn * samples, turn[:, None] * extra * np.conj(turn)
         real = np.allclose(size, size[::-1], rtol=1e-12, atol=0)
-        power, direction = _directions(extra, real)
+        power, direction = np.zeros(0), extra[:, :0]
+        if extra.trace().real > NEGLIGIBLE * noise:  # else no direction has as much
+            power, direction = _directions(extra, real)
         strong = power > NEGLIGIBLE * noise
         share, direction = power[strong] / (power[strong] + noise), direction[:, strong]
         seen = samples - direction @ (share * (np.conj(direction).T @ samples))
@@ -103,12 +107,11 @@ class ResponseSeries:
             middle = np.append(middle, 0.0)
         products, rows = self._series(middle, reach, turn * reach)
         size, samples = len(middle), 2 // products.shape[2]
-        offset, root = _blocks(size + samples, particles), _blocks(size + samples, particles)
+        offset, level = _blocks(size + samples, particles), _blocks(size, particles, FAINTEST)
         np.subtract(distance, middle[:count, None], out=offset[:count, :particles])
         offset /= reach
-        np.sqrt(power, out=root[:count, :particles])
-        root[size:] = 1.0
-        return _weighed(offset, root, products, rows)[:particles]
+        np.maximum(power, FAINTEST, out=level[:count, :particles])
+        return _weighed(offset, level, products, rows)[:particles]
 
     def _series(self, middle: Array, reach: float, turn: float) -> tuple[Array, Array]:
         """Products with each other and the samples, and with all directions, as `weigh_particles` takes them.
@@ -140,15 +143,15 @@ class ResponseSeries:
         return np.stack([whole.real, whole.imag], 2), rows.reshape(2 * len(middle), -1, rows.shape[-1])
 
 
-def _blocks(rows: int, particles: int) -> Array:
-    """Rows of 0 for particles in whole blocks."""
+def _blocks(rows: int, particles: int, value: float = 0.0) -> Array:
+    """Rows of one value for particles in whole blocks."""
     from gridslam.kernels.messages.particle_densities import LANES
 
-    return np.zeros((rows, -(-particles // LANES) * LANES))
+    return np.full((rows, -(-particles // LANES) * LANES), value)
 
 
-def _weighed(offset: Array, root: Array, products: Array, rows: Array) -> Array:
-    """Log densities (P,), see `weigh_particles`; `offset` and `root` are those of paths, then of samples."""
+def _weighed(offset: Array, power: Array, products: Array, rows: Array) -> Array:
+    """Log densities (P,), see `weigh_particles`; `offset` is that of paths, then of samples."""
     runtime.start()
     from gridslam.kernels.messages.particle_densities import LANES, PIVOTS, weigh_particles
 
@@ -159,11 +162,11 @@ def _weighed(offset: Array, root: Array, products: Array, rows: Array) -> Array:
     terms = rows.shape[-1], products.shape[-1]
     weigh_particles(
         np.array([size // parts, directions, parts, *terms, CHUNKS, blocks], np.int32), TRUE,
-        offset.reshape(-1, LANES), root.reshape(-1, LANES), products.reshape(-1),
+        offset.reshape(-1, LANES), power.reshape(-1, LANES), products.reshape(-1),
         np.append(rows.reshape(-1), 0.0), np.empty((CHUNKS * (size + 2) * (size + directions), LANES)),
         explained, pivots.reshape(-1, LANES),
     )  # fmt: skip
-    return np.asarray((explained - np.log(pivots).sum(0)).reshape(-1) / parts)
+    return np.asarray((explained + np.log(pivots).sum(0)).reshape(-1) / parts)
 
 
 def _terms(turn: float) -> int:
@@ -202,12 +205,18 @@ def _directions(covariance: Complex, real: bool) -> tuple[Array, Complex]:
     if not real:
         power, direction = np.linalg.eigh(covariance)
         return power, direction
-    size = len(covariance)
+    fold = _fold(len(covariance))
+    power, direction = np.linalg.eigh((fold @ covariance @ np.conj(fold).T).real)
+    return power, np.asarray(np.conj(fold).T @ direction, np.complex128)
+
+
+@lru_cache(maxsize=8)
+def _fold(size: int) -> Complex:
+    """Sums and differences (M, M) of both sides of the middle, of length 1."""
     half, low = size // 2, np.arange(size // 2)
     fold, share = np.zeros((size, size), np.complex128), np.sqrt(0.5)
     fold[low, low], fold[low, size - 1 - low] = share, share
     fold[half + low, low], fold[half + low, size - 1 - low] = -1j * share, 1j * share
     if size % 2:
         fold[size - 1, half] = 1.0
-    power, direction = np.linalg.eigh((fold @ covariance @ np.conj(fold).T).real)
-    return power, np.asarray(np.conj(fold).T @ direction, np.complex128)
+    return fold
