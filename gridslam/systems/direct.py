@@ -13,7 +13,8 @@ import numpy as np
 from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate, Health
-from gridslam.inference.management.samples.arrival_places import borne_out, found_again
+from gridslam.inference.health import reasons
+from gridslam.inference.management.samples.arrival_places import borne_out, found_again, tried
 from gridslam.inference.management.samples.image_merging import merge_images
 from gridslam.inference.management.samples.image_readout import (
     image_hypotheses,
@@ -129,8 +130,8 @@ def step(
     state = share_walls(state, model)
     state = watch_mirrors(note_hits(prune(state), model), band, model)
     state = borne_out(watch_arrivals(state, scan, model), model, band)  # (M451), (M534)
-    mirrored, since_found = bool(state.one_sided.any()), state.step if state.found_again else None
-    health = state.watch.assess(state.spread_m, len(model.anchors), mirrored, since_found)
+    health = state.watch.assess(state.spread_m, len(model.anchors), bool(state.one_sided.any()))
+    state = tried(state, health.ok)
     return replace(state.packed(), step=state.step + 1), DirectInfo(every, findings, health)
 
 
@@ -203,8 +204,11 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[DirectState], DirectInfo]:
         population, info, amiss = advance(self.population, scan, self.model, self.advance)
+        state = population.best
+        trial = reasons.found_again(state.step - 1) if state.found_again else ""
         why = "; ".join(reason for reason in (amiss, info.health.why) if reason)
         population = found_again(population, not why, self.model)
+        why = "; ".join(reason for reason in (why, trial) if reason)
         return population, replace(info, health=replace(info.health, ok=not why, why=why))
 
     @staticmethod

@@ -112,7 +112,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
 
     def __repr__(self) -> str:
         """One line."""
-        steps = counted(self.state.step, "step")
+        steps = counted(self.now.identity.scans, "step")
         return f"<{type(self).__name__} of {self.agent} in {self.scene.name}: {steps}>"
 
     def __copy__(self) -> Self:
@@ -209,7 +209,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         """
         state = self.state
         if state.step or state.time_s is not None:
-            raise InputError("start", f"told after {state.step} steps", "before the first")
+            raise InputError("start", f"told after {self.now.identity.scans} steps", "before the first")
         pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
         if not np.isfinite(pose).all():
             raise InputError("start", str(pose.tolist()), "finite numbers")
@@ -257,7 +257,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         own = {
             "agents": self.agent,
             "seeds": self.seed,
-            "steps": self.state.step,
+            "steps": self.now.identity.scans,
             "runs": self.now.identity.text,
         }
         names = [*self.provenance.get("told", ()), *([self.truth_given] if self.truth_given else ())]

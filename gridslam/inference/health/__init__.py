@@ -15,8 +15,9 @@ reason              said when                                   by              
                     since the latest line of sight
 `found_again`       pose recovery (direct grid SLAM: (M522))    `monitor.HealthMonitor.assess`   section 9
                     moved the agent 0 to 4 steps ago
-`found_again`       it begins where first arrivals told, and   `signal_watch.SignalWatch`       (M535)
-                    they haven't since (direct SLAM)
+`found_again`       it began where first arrivals told, and    `systems.direct`                 (M535)
+                    they haven't since, in 40 steps at most
+                    (direct SLAM)
 `leapt`             up to 99 steps ago it was moved to where  `monitor.HealthMonitor.assess`   (M512)
                     no motion may have led
 `few_explained`     half as many loud measurements as usual     `monitor.HealthMonitor.assess`   section 9

@@ -77,9 +77,7 @@ class SignalWatch:
         """Take in whether something arrived before a line of sight."""
         return replace(self, early=KEEP * self.early + (1 - KEEP) * early)
 
-    def assess(
-        self, spread_m: float, anchors: int, mirrored: bool = False, since_found: int | None = None
-    ) -> Health:
+    def assess(self, spread_m: float, anchors: int, mirrored: bool = False) -> Health:
         """Say how things are.
 
         Parameters
@@ -89,8 +87,6 @@ class SignalWatch:
         anchors : int
         mirrored : bool
             Whether a mirrored place fits as well, (M444).
-        since_found : int, optional
-            Steps since first arrivals told where it is, if nothing has borne that out, (M535).
         """
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
         low, high = innovation_band(self.freedom)
@@ -102,8 +98,6 @@ class SignalWatch:
             found.append(reasons.vague(spread_m))
         if mirrored:
             found.append(reasons.MIRRORED)
-        if since_found is not None:
-            found.append(reasons.found_again(since_found))
         if self.early > EARLY:
             found.append(reasons.early(self.early))
         if share < LEAST_EXPLAINED:

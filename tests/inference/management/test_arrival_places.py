@@ -10,11 +10,13 @@ from scipy.optimize import least_squares
 
 import gridslam as gs
 from gridslam.inference.management.samples.arrival_places import (
+    TRIAL,
     borne_out,
     crossings,
     found_again,
     only_place,
     place_told,
+    tried,
 )
 from gridslam.inference.messages.samples.early_paths import EVERY, LOOKS
 from gridslam.inference.messages.samples.signal_likelihood import band_of
@@ -109,10 +111,12 @@ def test_anchors_in_one_line_tell_no_place():
 
 
 def test_a_third_anchor_decides_once_the_mirrored_place_is_far_enough_from_it():
-    """By hand: (0, y) mirrors to (0, -y); the third, at (0, 3), is 2 y farther from there."""
-    anchors = np.array([[-4.0, 0.0], [4.0, 0.0], [0.0, 3.0]])
-    assert not only_place(np.array([0.0, 0.37]), anchors, 0.75)
-    assert only_place(np.array([0.0, 0.38]), anchors, 0.75)
+    """By hand: (0, 3) mirrors to (0, -3); from (0, 0.3) they are 2.7 and 3.3 m away."""
+    anchors = np.array([[-4.0, 0.0], [4.0, 0.0], [0.0, 0.3]])
+    assert only_place(np.array([0.0, 3.0]), anchors, 0.59)
+    assert not only_place(np.array([0.0, 3.0]), anchors, 0.61)
+    beside = np.array([[-4.0, 0.0], [4.0, 0.0], [1.0, 4.0]])
+    assert only_place(np.array([0.0, 0.2]), beside, 0.45)  # 0.4 m from its mirrored place, which is the same
 
 
 def test_arrivals_tell_place_and_velocity_after_so_many_looks(model):
@@ -120,7 +124,51 @@ def test_arrivals_tell_place_and_velocity_after_so_many_looks(model):
     told = place_told(looks(model, WAY), model.anchor_positions, model, band)
     np.testing.assert_allclose(told.place_m, WAY[-1], atol=1e-6)
     np.testing.assert_allclose(told.velocity_mps, [0.14 / EVERY, 0.05 / EVERY], atol=1e-6)
+    deviation = np.hypot(np.sqrt(2) / 8 * band.resolution_m / 6, 6 * model.settings.acceleration_mps2)
+    assert told.velocity_std_mps == pytest.approx(deviation)  # looks are 3 s apart
+    assert sorted(told.three) == [0, 1, 2]
     assert place_told(looks(model, WAY[:-1]), model.anchor_positions, model, band) is None
+    resting = looks(model, WAY)
+    resting[3:, 0] += 600.0  # nothing was recorded meanwhile
+    assert place_told(resting, model.anchor_positions, model, band) is None
+
+
+def told_by(model, anchors, place):
+    """What agents that stand at a place are told by these anchors' lines of sight."""
+    length = np.linalg.norm(anchors - place, axis=1)
+    firsts = np.column_stack([EVERY * np.arange(LOOKS), np.tile(length, (LOOKS, 1))])
+    return place_told(firsts, anchors, model, band_of(model.waveform))
+
+
+def test_anchors_beside_each_other_tell_no_place(model):
+    near = np.array([[4.4, 7.5], [4.2, 5.7], [5.4, 5.9]])
+    assert told_by(model, near, np.array([5.0, 6.5])) is not None
+    assert told_by(model, near, np.array([2.4, -0.9])) is None  # directions to them differ by ten degrees
+
+
+def test_a_place_that_mirrors_to_as_far_from_the_third_isnt_told(model):
+    along = np.array([[5.8, 3.5], [5.5, 5.2], [5.6, 4.0]])  # 0.1 m off one line
+    assert told_by(model, along, np.array([2.7, 2.4])) is None
+
+
+def test_another_anchor_that_would_be_heard_before_its_line_of_sight_disproves_a_place(model):
+    anchors, place = np.vstack([model.anchor_positions, [5.0, 2.0]]), WAY[-1]
+    assert len(told_by(model, anchors, place).three) == 3
+    length = np.linalg.norm(anchors - WAY[:, None], axis=-1)
+    length[:, 3] -= 0.5
+    firsts = np.column_stack([EVERY * np.arange(LOOKS), length])
+    assert place_told(firsts, anchors, model, band_of(model.waveform)) is None
+
+
+def test_the_nearest_six_anchors_are_looked_at(model):
+    far = np.array([[0.0, 8.5], [10.5, 8.5], [10.5, -0.5], [-0.5, -0.5]])
+    three = np.array([[2.0, 2.0], [4.5, 2.2], [3.0, 4.5]])
+    anchors, place = np.vstack([far[:3], three]), np.array([3.1, 2.9])
+    firsts = np.column_stack(
+        [EVERY * np.arange(LOOKS), np.tile(np.linalg.norm(anchors - place, axis=1), (LOOKS, 1))]
+    )
+    firsts[:, 5:7] += 1.0  # two of the nearest are hidden
+    assert place_told(firsts, anchors, model, band_of(model.waveform)) is not None
 
 
 @pytest.mark.parametrize("fault", ["hidden", "silent", "leaping", "outside"])
@@ -160,14 +208,37 @@ def test_a_place_that_arrivals_tell_is_neither_mirrored_nor_on_trial(model):
 def test_a_lost_agent_begins_anew_where_arrivals_tell(model):
     lost = Population.of(state_at(model, WAY[-1] + [2.0, 0.0]))
     found = found_again(lost, False, model)
+    variance = np.diagonal(found.best.belief.covariance)
+    np.testing.assert_allclose(np.sqrt(variance[:2]), 0.0937, rtol=1e-3)  # c/8B at 400 MHz
     np.testing.assert_allclose(found.best.belief.mean[:2], WAY[-1], atol=1e-6)
     assert found.best.found_again
     assert found.best.step == 0
     assert found.best.time_s == lost.best.time_s
     np.testing.assert_array_equal(found.best.links.noise, lost.best.links.noise)
     assert found_again(lost, True, model) is lost  # health has nothing to say
-    right = Population.of(state_at(model, WAY[-1] + [0.1, 0.0]))
-    assert found_again(right, False, model) is right
+    right = state_at(model, WAY[-1] + [0.1, 0.0])
+    both = Population((lost.best, right), (np.log(0.9), np.log(0.1)))
+    for kept in (Population.of(right), both, replace(lost, searching=True)):
+        assert found_again(kept, False, model) is kept
+
+
+def test_reflections_off_one_wall_move_nobody_who_is_not_contradicted(model):
+    """All over the wall y = 2.2, seen from below: they cross where it mirrors the agent to."""
+    low = replace(model, anchors=np.array([[0.7, 0.5, 0.0], [9.3, 1.4, 0.0], [4.2, -0.8, 0.0]]))
+    place, firsts = (WAY * [1.0, -1.0] + [0.0, 4.4])[-1], looks(low, WAY)
+    told = place_told(firsts, low.anchor_positions, low, band_of(low.waveform))
+    np.testing.assert_allclose(told.place_m, WAY[-1], atol=1e-6)  # 2 m from the agent
+    sure, vague = (Population.of(replace(state_at(low, place, std), firsts=firsts)) for std in (0.1, 1.0))
+    assert found_again(sure, False, low) is sure
+    assert found_again(vague, False, low).best.found_again  # nothing that it knows speaks against it
+
+
+def test_a_trial_ends_with_arrivals_or_after_a_time_of_being_well(model):
+    on_trial = state_at(model, WAY[-1], found_again=True, step=TRIAL)
+    assert tried(on_trial, False) is on_trial
+    assert not tried(on_trial, True).found_again
+    early = replace(on_trial, step=TRIAL - 1)
+    assert tried(early, True) is early
 
 
 @pytest.mark.slow

@@ -62,7 +62,10 @@ def test_steps_and_anchors_that_are_contradicted_are_counted_where_anything_is_h
     assert [len(step) for step in arrivals] == [1, 1, 1]
     assert arrivals[1] == [None]
     for lengths, count in (([5.0, 5.0, 5.0], 0), ([8.0, 8.0, 5.0], 1), ([8.0, 8.0, 8.0], 2)):
-        assert contradictions(arrivals, np.array(lengths)[:, None]) == count
+        way = np.array(lengths)[:, None, None] * [0.6, 0.8]
+        assert contradictions(arrivals, way, np.zeros((2, 2))) == count
+    vague = np.diag([0.6, 0.8]) ** 2  # three deviations of a metre
+    assert contradictions(arrivals, np.full((3, 1, 2), 8.0) * [0.6, 0.8], vague) == 0
 
 
 def test_side_lobes_of_a_loud_path_arrive_no_earlier():

@@ -31,6 +31,9 @@ DEVIATIONS = 3.0
 """Of the agent's place, by which a line of sight may be shorter."""
 OLD_M = 0.3
 """How near a path is to where one was the step before, to be the same."""
+FINE = 2
+"""Rows of a pulse's flank, at least, for what arrives first to be told from side lobes: 41 frequencies have
+six, 201 two."""
 HALF, LOBE = 0.5, 0.05
 """Shares of its power to which a pulse falls on its flank, and where its main lobe ends."""
 
@@ -106,13 +109,22 @@ class Arrivals:
 
     def before(self, length_m: float) -> bool:
         """Whether something arrives before a line of sight of this length, and isn't its own flank."""
-        flank = int(np.argmax(self.pulse**2 < HALF))
+        flank = self.flank
+        if flank < FINE:
+            return False
         early = self.peak[self.peak < length_m / self.step_m - flank]
         power = (np.abs(self.output[early]) ** 2).mean(1)
         return bool((self._explained(power, early) > COST).any())
 
+    @property
+    def flank(self) -> int:
+        """Rows from a pulse's summit to half of its power."""
+        return int(np.argmax(self.pulse**2 < HALF))
+
     def first_m(self) -> float:
-        """Length of the path that arrives first, m; 0 if none does."""
+        """Length of the path that arrives first, m; 0 if none does, or rows are too coarse to tell."""
+        if self.flank < FINE:
+            return 0.0
         power = (np.abs(self.output[self.peak]) ** 2).mean(1)
         heard = self.peak[self._explained(power, self.peak) > COST]
         if not len(heard):
@@ -159,11 +171,20 @@ def arrivals_of(samples: Complex, heard: NDArray[np.bool_], front: Front) -> lis
     ]
 
 
-def contradictions(arrivals: Sequence[Sequence[Arrivals | None]], length_m: Array) -> int:
-    """Of how many steps and anchors something arrives before a line of sight of this length (K, J)."""
+def contradictions(arrivals: Sequence[Sequence[Arrivals | None]], way_m: Array, spread: Array) -> int:
+    """At how many steps and anchors (K, J) something arrives before a line of sight.
+
+    Parameters
+    ----------
+    way_m : (L, J, 2)
+        Lines of sight, of these steps or more.
+    spread : (2, 2)
+        Covariance of the place, m^2.
+    """
+    nearest = np.sqrt((way_m**2).sum(-1)) - DEVIATIONS * np.sqrt(np.trace(spread))
     return sum(
         one is not None and one.before(length)
-        for step, lengths in zip(arrivals, length_m.tolist(), strict=True)
+        for step, lengths in zip(arrivals, nearest.tolist(), strict=False)
         for one, length in zip(step, lengths, strict=True)
     )
 

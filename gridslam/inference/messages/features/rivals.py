@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.features.arrivals import (
-    COST,
-    DEVIATIONS,
-    Arrivals,
-    arrivals_of,
-    contradictions,
-)
+from gridslam.inference.messages.features.arrivals import COST, Arrivals, arrivals_of, contradictions
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.following import START_STEPS
 from gridslam.inference.messages.features.joint_update import predict
@@ -85,6 +79,11 @@ class Rival(NamedTuple):
     start: JointBelief
     placed: bool
     known: bool
+
+    @property
+    def owed(self) -> float:
+        """Nats that what it costs takes from its evidence."""
+        return float(self.evidence.sum()) - self.score if np.isfinite(self.score) else 0.0
 
     @property
     def adrift(self) -> bool:
@@ -198,14 +197,13 @@ class Lesson:
         """
         cost, lead = self._cost(belief), None
         if other is not None:
-            slack = HOPELESS + SEEN * other.adrift
+            slack = HOPELESS + SEEN * other.adrift + max(other.owed - self._cost(other.start), 0.0)
             saved = max(self._cost(other.start) - cost, 0.0)
             lead = np.cumsum(other.evidence) - saved - slack
         joint, evidence, track = replay(belief, segment, self.before_s, self.first, self.model, least=lead)
         known = len(self.before.features) > 0
-        way = track[:, None, :2] - self.model.anchors[:, :2]
-        nearest = np.sqrt((way**2).sum(-1)) - DEVIATIONS * np.sqrt(np.trace(joint.agent_covariance[:2, :2]))
-        cost += COST * contradictions(self.arrivals, nearest[: len(self.arrivals)])  # (M536)
+        way, spread = track[:, None, :2] - self.model.anchors[:, :2], joint.agent_covariance[:2, :2]
+        cost += COST * contradictions(self.arrivals, way, spread)  # (M536)
         return Rival(float(evidence.sum()) - cost, joint, track, evidence, belief, self.placed(joint), known)
 
     def _beside_way(self, way: Segment) -> Array:

@@ -265,6 +265,8 @@ class DirectState:
             ("links", all(len(getattr(links, f.name)) == anchors for f in fields(links)), "anchors' rows"),
             ("one_sided", len(self.one_sided) in (0, anchors), "anchors' rows"),
             ("firsts", self.firsts.shape[1:] == (1 + anchors,) or not self.firsts.size, "anchors' columns"),
+            ("firsts", bool((self.firsts[:, 1:] >= 0).all()), "lengths of 0 or more"),
+            ("firsts", bool((np.diff(self.firsts[:, :1], axis=0) > 0).all()), "times that rise"),
             ("tentative", {len(getattr(rings, f.name)) for f in fields(rings)}
              == {len(tentative.intensity)} == {len(tentative.heard)}, "rows of one number"),
             ("tentative/rings", mixture[1:] == (BEARINGS,)
