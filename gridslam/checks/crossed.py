@@ -13,7 +13,7 @@ from gridslam.arrays import Array
 from gridslam.checks.views import in_view
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, fitted, things
-from gridslam.inference.health.range_watch import LEAST_STEPS, in_sight
+from gridslam.inference.health.range_watch import SETTLED_STEPS, in_sight
 from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.world.columns import Columns
 from gridslam.world.filter_model import FilterModel
@@ -62,7 +62,7 @@ class Crossed:
             agrees with another one's heading.
         """
         crossings = list(_crossings(table, model, walls))
-        if len(crossings) < LEAST_STEPS:
+        if len(crossings) < SETTLED_STEPS:
             return None
         gaps = [Gaps.of(crossing) for _, crossing in crossings]
         sights = np.array([in_sight(crossing.slope, model.senders) for _, crossing in crossings])

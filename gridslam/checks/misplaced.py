@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 from gridslam.checks.changes import change
 from gridslam.checks.crossed import Crossed
 from gridslam.checks.handover_rivals import handover_rival
 from gridslam.checks.unit_hypotheses import Suspicion
-from gridslam.inference.health.range_fits import Fit, beyond_doubt, errors_of, undecided, words
+from gridslam.inference.health.range_fits import beyond_doubt, errors_of, named_together, undecided
 from gridslam.world.columns import VALUES, Columns
-from gridslam.world.filter_model import FilterModel
 from gridslam.world.scene import Scene
 
 RIVALS = {"offset", "slant", "rise", "start", "turned"}
@@ -74,14 +72,3 @@ def with_places(
     others = [replace(item, certain=False) for item in found if item.kind not in RANGES]
     kind = "slant" if fits[0].thing.is_height(errors_of(model.senders)) else "offset"
     return [Suspicion("distance_m", kind, text, len(fits) == 1, reason), *others]
-
-
-def named_together(fits: Sequence[Fit], model: FilterModel) -> str:
-    """What is wrong, with all that explains as much; empty if the best is too small to tell of."""
-    shifts = [fit for fit in fits if fit.thing.is_shift]
-    numbers = [fit for fit in fits if not fit.thing.is_shift]
-    if not numbers or (fits[0] is numbers[0] and len(numbers) == 1):
-        return words(fits, model)
-    each = [words(shifts, model), *(words((fit,), model) for fit in numbers)]
-    first = each[0] if fits[0].thing.is_shift else each[1]
-    return "; or ".join(dict.fromkeys([first, *filter(None, each)])) if first else ""

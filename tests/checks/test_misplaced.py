@@ -8,9 +8,8 @@ import pytest
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
-from gridslam.checks.misplaced import named_together
 from gridslam.checks.range_note import range_note
-from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, errors_of, fitted
+from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, errors_of, fitted, named_together
 
 CANYON, HALL = gs.Scene.load("canyon"), gs.Scene.load("hall")
 

@@ -182,20 +182,13 @@ def fitted(gaps: Gaps, thing: Thing) -> tuple[Fit, Array]:
     return Fit(thing, gaps.total - float(pull @ size), tuple(size[:own].tolist())), shape.T @ size
 
 
-def beyond_doubt(fits: Sequence[Fit], count: float, most: float = 0.0) -> tuple[Fit, ...]:
-    """What is wrong, the simplest first, and anchors that stand elsewhere as other readings; or nothing.
-
-    Parameters
-    ----------
-    most : float
-        Squared gaps of the step that has most of them: without it, too, something has to be wrong. One step
-        may be of paths over walls, and some place of an anchor explains whatever one step says.
-    """
-    found = undecided(fits, count, most)
+def beyond_doubt(fits: Sequence[Fit], count: float) -> tuple[Fit, ...]:
+    """What is wrong, the simplest first, and anchors that stand elsewhere as other readings; or nothing."""
+    found = undecided(fits, count)
     return found if all(fit.thing.is_shift for fit in found[1:]) else ()
 
 
-def undecided(fits: Sequence[Fit], count: float, most: float = 0.0) -> tuple[Fit, ...]:
+def undecided(fits: Sequence[Fit], count: float) -> tuple[Fit, ...]:
     """What is wrong, as of `beyond_doubt`, with all else that explains as much beside it."""
     scale = max(min(fit.misfit for fit in fits) / count, 1.0)
     ranked = sorted(fits, key=lambda fit: fit.misfit + 2 * SIMPLER * scale * fit.thing.is_shift)
@@ -204,7 +197,7 @@ def undecided(fits: Sequence[Fit], count: float, most: float = 0.0) -> tuple[Fit
         return ()
     if best.thing.is_shift and math.hypot(*best.size) > FARTHEST_M:  # its image by a wall
         return ()
-    if 0.5 * (plain.misfit - best.misfit - most) < CERTAIN * scale:
+    if 0.5 * (plain.misfit - best.misfit) < CERTAIN * scale:
         return ()
     near = [fit for fit in ranked[1:] if 0.5 * (fit.misfit - best.misfit) < CLEAR * scale]
     return (best, *(fit for fit in near if not fit.thing.is_shift or math.hypot(*fit.size) <= FARTHEST_M))
@@ -229,6 +222,16 @@ def words(found: Sequence[Fit], model: FilterModel) -> str:
         whose = "all anchors" if best.thing.alike else f"anchor {model.anchor_names[best.thing.columns[0]]}"
         text = reasons.offset(whose, size) if far or abs(size) >= LEAST_OFFSET_M else ""
     return f"{text}, or {elsewhere}" if text and far else text
+
+
+def named_together(fits: Sequence[Fit], model: FilterModel) -> str:
+    """What is wrong, with all that explains as much; empty if the best is too small to tell of."""
+    shifts = [fit for fit in fits if fit.thing.is_shift]
+    numbers = [fit for fit in fits if not fit.thing.is_shift]
+    if not numbers or (fits[0] is numbers[0] and len(numbers) == 1):
+        return words(fits, model)
+    each = [words(shifts if fit.thing.is_shift else (fit,), model) for fit in fits]
+    return "; or ".join(dict.fromkeys(filter(None, each))) if each[0] else ""
 
 
 @cache
