@@ -14,7 +14,7 @@ from gridslam.checks.handovers import Ties
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
-from gridslam.checks.reflections_instead import takes_reflections, through_walls
+from gridslam.checks.reflections_instead import are_faint_and_hidden, takes_reflections, through_walls
 from gridslam.checks.rivals import (
     ALIKE,
     CERTAIN,
@@ -76,6 +76,8 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
         found, read, sight = [], asis, followed(asis, scene, agent, plain)
     found = with_frame(by_handovers.named(found, asis, scene, agent), read, sight, scene)
     ties = Ties.of(asis, scene, agent) if scene.walls else None
+    if are_faint_and_hidden(found, asis, sight, scene, agent, ties):
+        found, read, sight = [], asis, followed(asis, scene, agent, plain)
     found += time_units.slow_times(asis, sight, ties) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))

@@ -77,7 +77,8 @@ def handover_rival(table: Columns, scene: Scene, agent: str | None) -> Suspicion
     ties = Ties.of(table, scene, agent) if scene.walls and len(scene.anchors) > 1 else None
     if ties is None or is_sound(ties, scene, agent):
         return None
-    found = [one for one in explanations(table, scene, agent, ties) if one.gain >= PROBABLE]
+    every = explanations(table, scene, agent, ties)
+    found = [one for one in every if one.gain - one.handicap >= PROBABLE]
     if not found:
         return None
     best, *others = found
@@ -106,13 +107,14 @@ class Explanation:
         return kinds == {"offset", "place"} and self.rival.anchors == other.rival.anchors
 
     @property
-    def score(self) -> float:
-        """With as many lines of sight as rows leave: of two ways the one that hides more of them is worse.
+    def handicap(self) -> float:
+        """Another place takes two numbers, all else one."""
+        return SIMPLER if self.rival.kind == "place" else 0.0
 
-        Another place takes two numbers, all else one.
-        """
-        more = SIMPLER if self.rival.kind == "place" else 0.0
-        return self.gain + float(np.log(2)) * sum(map(len, self.rival.seen.sights)) - more
+    @property
+    def score(self) -> float:
+        """With as many lines of sight as rows leave: of two ways the one that hides more of them is worse."""
+        return self.gain + float(np.log(2)) * sum(map(len, self.rival.seen.sights)) - self.handicap
 
 
 def explanations(table: Columns, scene: Scene, agent: str | None, ties: Ties) -> list[Explanation]:
