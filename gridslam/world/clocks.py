@@ -8,7 +8,7 @@ in metres: beta of an anchor, b of an agent; a path of theirs is measured as ``d
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,8 @@ class Clocks(Strict):
     `reference` names the device whose clock is the time; anchors without a prior may then be off by as much
     as the receive window is wide.
     """
+
+    table: ClassVar[str] = "[clocks]"
 
     anchor_prior_ns: HalfWidth | None = None
     agent_prior_ns: HalfWidth = 0.0

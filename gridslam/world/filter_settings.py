@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
@@ -12,6 +12,8 @@ from gridslam.world.validation import Strict
 
 class FilterSettings(Strict):
     """Settings of the filter; the papers' values are the defaults."""
+
+    table: ClassVar[str] = "[filter]"
 
     particles: int = Field(10_000, ge=1)
     acceleration_mps2: Positive = 0.03

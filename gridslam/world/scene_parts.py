@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,8 @@ class Radio(Strict):
     (with a pulse, the pulse's), and the length at which paths fold back.
     """
 
+    table: ClassVar[str] = "[radio]"
+
     carrier_hz: Positive = 6.0e9
     bandwidth_hz: Positive = 1.0e9
     snr_at_1m_db: Decibel = 30.0
@@ -176,6 +178,8 @@ class Radio(Strict):
 class GridSpec(Strict):
     """Region to map and the side of its square cells."""
 
+    table: ClassVar[str] = "[grid]"
+
     x_m: Point
     y_m: Point
     cell_m: Positive = 0.1
@@ -214,6 +218,8 @@ class GridSpec(Strict):
 class Anchor(Strict):
     """A radio at a known place."""
 
+    table: ClassVar[str] = "[[anchors]]"
+
     name: Label
     position_m: Place
     orientation_deg: Degree = 0.0
@@ -236,6 +242,8 @@ class Wall(Strict):
 
     One that doesn't reflect blocks paths alone; with ``blocks = "sight"`` lines of sight, and no other path.
     """
+
+    table: ClassVar[str] = "[[walls]]"
 
     name: str | None = None
     material: str | None = None
@@ -296,6 +304,8 @@ class Agent(Strict):
     `height_m` is the height that it keeps, counted from where the heights of anchors are, and `height_std_m`
     the deviation of what is known of it. At each waypoint it stands still for `pause_s`, where that is given.
     """
+
+    table: ClassVar[str] = "[[agents]]"
 
     name: FolderName
     start_m: Point
