@@ -8,7 +8,7 @@ in metres: beta of an anchor, b of an agent; a path of theirs is measured as ``d
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,14 +53,12 @@ class Clock(Strict):
         return np.asarray(1e-9 * (self.offset_ns + self.drift_ppb * run + jumped), np.float64)
 
 
-class Clocks(Strict):
+class Clocks(Strict, table="[clocks]"):
     """What is known of all clocks before the first step; half widths of uniform priors (0: known).
 
     `reference` names the device whose clock is the time; anchors without a prior may then be off by as much
     as the receive window is wide.
     """
-
-    table: ClassVar[str] = "[clocks]"
 
     anchor_prior_ns: HalfWidth | None = None
     agent_prior_ns: HalfWidth = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -10,10 +10,8 @@ from gridslam.world.scene_parts import NotNegative, Positive, Probability, Share
 from gridslam.world.validation import Strict
 
 
-class FilterSettings(Strict):
+class FilterSettings(Strict, table="[filter]"):
     """Settings of the filter; the papers' values are the defaults."""
-
-    table: ClassVar[str] = "[filter]"
 
     particles: int = Field(10_000, ge=1)
     acceleration_mps2: Positive = 0.03

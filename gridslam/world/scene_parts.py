@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ class DenseTail(Strict):
     decay_m: Positive
 
 
-class Radio(Strict):
+class Radio(Strict, table="[radio]"):
     """The radio link; defaults as in [Li2025adaptive] and [Li2026grid].
 
     `detection_probability` and `distance_std_m`, where given, replace what would follow from the amplitude.
@@ -94,8 +94,6 @@ class Radio(Strict):
     they are given, `bandwidth_hz` and `max_distance_m` follow: the width from the first to the last frequency
     (with a pulse, the pulse's), and the length at which paths fold back.
     """
-
-    table: ClassVar[str] = "[radio]"
 
     carrier_hz: Positive = 6.0e9
     bandwidth_hz: Positive = 1.0e9
@@ -175,10 +173,8 @@ class Radio(Strict):
         return self
 
 
-class GridSpec(Strict):
+class GridSpec(Strict, table="[grid]"):
     """Region to map and the side of its square cells."""
-
-    table: ClassVar[str] = "[grid]"
 
     x_m: Point
     y_m: Point
@@ -215,10 +211,8 @@ class GridSpec(Strict):
         return (self.x_m[0] <= x) & (x <= self.x_m[1]) & (self.y_m[0] <= y) & (y <= self.y_m[1])
 
 
-class Anchor(Strict):
+class Anchor(Strict, table="[[anchors]]"):
     """A radio at a known place."""
-
-    table: ClassVar[str] = "[[anchors]]"
 
     name: Label
     position_m: Place
@@ -237,13 +231,11 @@ class Arc(Strict):
     facets: int = Field(32, ge=1, le=1000)
 
 
-class Wall(Strict):
+class Wall(Strict, table="[[walls]]"):
     """A true wall: a polyline or an arc of one material.
 
     One that doesn't reflect blocks paths alone; with ``blocks = "sight"`` lines of sight, and no other path.
     """
-
-    table: ClassVar[str] = "[[walls]]"
 
     name: str | None = None
     material: str | None = None
@@ -294,7 +286,7 @@ class Prior(Strict):
     heading_deg: float = Field(10.0, ge=0, le=180)
 
 
-class Agent(Strict):
+class Agent(Strict, table="[[agents]]"):
     """A mobile radio; waypoints give it a way to simulate.
 
     `acceleration_mps2` is the most that it accelerates sideways on that way: the truth's, whatever
@@ -304,8 +296,6 @@ class Agent(Strict):
     `height_m` is the height that it keeps, counted from where the heights of anchors are, and `height_std_m`
     the deviation of what is known of it. At each waypoint it stands still for `pause_s`, where that is given.
     """
-
-    table: ClassVar[str] = "[[agents]]"
 
     name: FolderName
     start_m: Point

@@ -42,6 +42,10 @@ class Strict(BaseModel):
     table: ClassVar[str] = ""
     """Under which heading a scene file has such a model, where a key may be looked for."""
 
+    def __init_subclass__(cls, table: str = "", **settings: Any) -> None:
+        super().__init_subclass__(**settings)
+        cls.table = table
+
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse to change a value."""
         if name.startswith("_"):
