@@ -83,7 +83,7 @@ def test_all_that_explains_the_same_is_named():
     assert said.count("anchor A stands near (-2.5, 2.8)") == 1
     said = named_together([shift, offsets[1]], gs.Scene.load("room").filter_model("agent1"))
     assert said.startswith("anchor A stands near")
-    assert "; or distances of anchor B" in said
+    assert ", or distances of anchor B" in said
 
 
 def test_a_height_whose_square_is_negative_is_none():

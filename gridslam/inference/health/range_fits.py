@@ -226,12 +226,15 @@ def words(found: Sequence[Fit], model: FilterModel) -> str:
 
 def named_together(fits: Sequence[Fit], model: FilterModel) -> str:
     """What is wrong, with all that explains as much; empty if the best is too small to tell of."""
-    shifts = [fit for fit in fits if fit.thing.is_shift]
+    shifts = sorted((fit for fit in fits if fit.thing.is_shift), key=lambda fit: fit.thing.columns)
     numbers = [fit for fit in fits if not fit.thing.is_shift]
     if not numbers or (fits[0] is numbers[0] and len(numbers) == 1):
         return words(fits, model)
-    each = [words(shifts if fit.thing.is_shift else (fit,), model) for fit in fits]
-    return "; or ".join(dict.fromkeys(filter(None, each))) if each[0] else ""
+    best, *others = fits
+    # in the same order from look to look, so that a run's notes count them as one
+    rest = sorted(others, key=lambda fit: (fit.thing.is_shift, not fit.thing.alike, fit.thing.columns))
+    each = [words(shifts if fit.thing.is_shift else (fit,), model) for fit in (best, *rest)]
+    return ", or ".join(dict.fromkeys(filter(None, each))) if each[0] else ""
 
 
 @cache
