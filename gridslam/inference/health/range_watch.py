@@ -3,7 +3,7 @@ anchors that the scene has wrong.
 
 A filter can't tell such an error from another place of its agent, and of everything that it maps. But two
 anchors whose distances are too long put the agent at two places, whoever follows it. docs/model.md, (M262),
-(M543).
+(M537).
 """
 
 from __future__ import annotations
