@@ -1,6 +1,7 @@
 """Write the pages of the reference that follow from the code: `python docs/generate.py`.
 
-`scene-file.md` comes from the types of scenes, `file-formats.md` from files that a small run writes, and
+`scene-file.md` comes from the types of scenes, `file-formats.md` from the columns that tables are held to
+(gridslam/world/columns.py) and files that a small run writes, and
 `methods.md` from the registry, so that none can say what isn't so; a test compares them with those committed.
 What keys mean is in gridslam/world/scene_keys.toml, what datasets and methods are in docs/formats.toml.
 """
@@ -32,6 +33,7 @@ from gridslam.studies.batches import batches
 from gridslam.studies.study import Study, run_study
 from gridslam.studies.tables import write_tables
 from gridslam.systems.registry import METHODS
+from gridslam.world.columns import BY_NAME, TABLE
 from gridslam.world.scene_reference import keys
 
 DOCS = Path(__file__).resolve().parent
@@ -44,6 +46,9 @@ class Missing(KeyError):
 
 def meaning(of: str, key: str) -> str:
     """What a key of a table in formats.toml means."""
+    table, _, name = key.rpartition("/")
+    if of == "measurements.h5" and table == "measurements" and name in BY_NAME:
+        return BY_NAME[name].meaning
     told = MEANINGS["h5"].get(of) or MEANINGS[of]
     if key not in told:
         raise Missing(f"docs/formats.toml: no line for {key!r} of {of}; add it, then python docs/generate.py")
@@ -127,6 +132,7 @@ def formats_page() -> str:
     lines = ["# File formats", "", *MEANINGS["page"]["formats"].strip().splitlines()]
     with tempfile.TemporaryDirectory(prefix="gridslam-docs-") as place:
         folder = _written(Path(place))
+        lines += ["", "## `measurements.csv`", "", *_rows()]
         for name in ("measurements.h5", "map.h5", "steps.h5", "signal.h5"):
             lines += ["", f"## `{name}`", "", *_h5(folder / "agent1" / name)]
         network = _network(Path(place))
@@ -140,6 +146,17 @@ def formats_page() -> str:
     for name, told in MEANINGS["others"].items():
         lines += ["", f"## `{name}`", "", *told.strip().splitlines()]
     return "\n".join(lines) + "\n"
+
+
+def _rows() -> Iterator[str]:
+    """The columns of a table of measurements, of the types that check it."""
+    yield from meaning("measurements.csv", "about").strip().splitlines()
+    yield from ("", f"| {' | '.join(COLUMNS)} |", "|---" * len(COLUMNS) + "|")
+    for one in TABLE:
+        unit = {"1": "", "index": "name"}.get(one.unit, one.unit)
+        allowed = "the scene's names" if one.unit == "index" else one.allowed
+        yield f"| `{one.name}` | {unit} | {one.default} | {allowed} | {one.meaning} |"
+    yield f"| `agent` | name | one agent | the scene's names | {meaning('measurements.csv', 'agent')} |"
 
 
 def _written(place: Path) -> Path:

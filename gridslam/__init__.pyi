@@ -16,6 +16,7 @@ from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements, Scan
 from gridslam.runs.calibrate import calibrate
+from gridslam.runs.heard_stretches import map_so_far
 from gridslam.runs.map_scene import map_scene
 from gridslam.runs.network_run import NetworkRun, map_network
 from gridslam.runs.run import Run
@@ -75,6 +76,7 @@ __all__ = [
     "ground_truth",
     "map_network",
     "map_scene",
+    "map_so_far",
     "network_from_deepmimo",
     "network_from_sionna",
     "recording_from_sionna",

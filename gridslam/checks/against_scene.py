@@ -10,10 +10,11 @@ from gridslam.checks import by_handovers, elevations, time_units
 from gridslam.checks.column_readings import likeliest_way, rival_of_start
 from gridslam.checks.fit import least_share, tells_place
 from gridslam.checks.followed import followed, upheld
+from gridslam.checks.handovers import Ties
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
-from gridslam.checks.reflections_instead import takes_reflections, through_walls
+from gridslam.checks.reflections_instead import are_faint_and_hidden, takes_reflections, through_walls
 from gridslam.checks.rivals import (
     ALIKE,
     CERTAIN,
@@ -74,7 +75,10 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     if _refuted(found, asis, scene, agent, plain, sight):
         found, read, sight = [], asis, followed(asis, scene, agent, plain)
     found = with_frame(by_handovers.named(found, asis, scene, agent), read, sight, scene)
-    found += time_units.slow_times(asis, sight) + time_units.fast_times(asis, sight)
+    ties = Ties.of(asis, scene, agent) if scene.walls else None
+    if are_faint_and_hidden(found, asis, sight, scene, agent, ties):
+        found, read, sight = [], asis, followed(asis, scene, agent, plain)
+    found += time_units.slow_times(asis, sight, ties) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))
     # what isn't a line of sight tells nothing of the level, and where little fits it is none

@@ -16,6 +16,7 @@ from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.inference.health.range_fits import LEAST_OFFSET_M, Gaps, Thing
 from gridslam.world.columns import Columns
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import Segments
 from gridslam.world.radio import SPEED_OF_LIGHT
 
 UNEXPLAINED, EXPLAINED = 0.5, 2.0
@@ -49,7 +50,7 @@ class _Change(NamedTuple):
     size: float
 
 
-def change(seen: Crossed, table: Columns, model: FilterModel) -> Suspicion | None:
+def change(seen: Crossed, table: Columns, model: FilterModel, walls: Segments) -> Suspicion | None:
     """What has gone wrong meanwhile with one anchor or two, if it explains clearly more than what lasts.
 
     Parameters
@@ -57,11 +58,13 @@ def change(seen: Crossed, table: Columns, model: FilterModel) -> Suspicion | Non
     seen : Crossed
         Where lines of sight cross by the table as it stands.
     table : dict of (K,) arrays
+    walls : Segments
+        The scene's.
     """
     unexplained = seen.fits[0].misfit > UNEXPLAINED * seen.numbers
     last = int(np.unique(table["step"])[: seen.heard][-1])
     misses = int(np.diff([*seen.steps, last]).max()) > WITHOUT * seen.heard
-    found = _exchanged(seen, table, model) if misses or unexplained else None
+    found = _exchanged(seen, table, model, walls) if misses or unexplained else None
     return found or (_changed_clock(seen, model) if unexplained else None)
 
 
@@ -87,13 +90,13 @@ def _changed_clock(seen: Crossed, model: FilterModel) -> Suspicion | None:
     return Suspicion("distance_m", "offset", text, not near, reason)
 
 
-def _exchanged(seen: Crossed, table: Columns, model: FilterModel) -> Suspicion | None:
+def _exchanged(seen: Crossed, table: Columns, model: FilterModel, walls: Segments) -> Suspicion | None:
     """The two anchors whose names are exchanged from a step on, if that explains clearly more."""
     found = []
     for pair in combinations(range(model.senders), 2):
         order = np.arange(model.senders)
         order[list(pair)] = pair[::-1]
-        other = Crossed.of(table | {"anchor": order[table["anchor"]]}, model)
+        other = Crossed.of(table | {"anchor": order[table["anchor"]]}, model, walls)
         if other is not None:
             found.append((*_exchange(seen, other, pair), pair))
     if not found:
@@ -120,7 +123,7 @@ def _exchange(seen: Crossed, other: Crossed, pair: tuple[int, int]) -> tuple[flo
     # to leave names as they are costs nothing; each later first step leaves one more as it was
     gains = 0.5 * np.append(np.cumsum((own - swapped)[::-1])[::-1], 0.0)
     first = int(gains.argmax())
-    since = steps[min(first, len(steps) - 1)]
+    since = steps[first - 1] + 1 if first else steps[0]  # where lines of sight no longer crossed as told
     there = [
         bool(row[list(pair)].any()) and step >= since
         for step, row in zip(other.steps, other.sights, strict=True)

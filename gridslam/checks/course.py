@@ -20,6 +20,8 @@ from gridslam.world.scene import Scene
 
 LEG_M, BLUNT_LEG_M, LEAST = 0.5, 1.0, 20
 """Way by which a course is told, of a run and by lines of sight; least number of steps that have one."""
+WAVERS_RAD = 0.05
+"""By how much of the way to the anchors a straight way seems to bend, as angles tell it."""
 LEG_DEVIATIONS = 10.0
 """The same in deviations of the positions: a vague track isn't taken for a way that turns."""
 ASIDE, BACKWARDS = np.radians(30.0), np.radians(150.0)
@@ -73,7 +75,10 @@ class Course(NamedTuple):
         sums = np.zeros(len(sight.position_m), complex)
         np.add.at(sums, number, np.exp(1j * facing))
         heading = np.where(sums == 0, np.nan, np.angle(sums))
-        return cls.of(sight.position_m, heading, BLUNT_LEG_M)
+        course = cls.of(sight.position_m, heading, BLUNT_LEG_M)
+        if course is None or not may_be_straight(sight):
+            return course
+        return course._replace(way=course.way / abs(course.way))
 
     def aside_rad(self) -> float | None:
         """By how much the heading is turned against the course all the way; None where it isn't."""
@@ -116,6 +121,17 @@ def _known_heading(estimate: Estimate) -> float:
     if own is None or (len(covariance) > HEADING and covariance[HEADING, HEADING] > VAGUE_RAD**2):
         return np.nan
     return own
+
+
+def may_be_straight(sight: Sight) -> bool:
+    """Whether a way bends by no more than places told by lines of sight waver so far from the anchors."""
+    place, step = sight.position_m, np.arange(len(sight.position_m), dtype=np.float64)
+    far = sight.distance_m[sight.probability > SURE]
+    if len(step) < LEAST or not len(far):
+        return False
+    design = np.column_stack([np.ones(len(step)), step])
+    left = place - design @ np.linalg.lstsq(design, place, rcond=None)[0]
+    return bool(np.sqrt((left**2).sum(1).mean()) < WAVERS_RAD * np.median(far))
 
 
 def aside_words(turn_rad: float) -> str:

@@ -9,12 +9,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import Array
+from gridslam.checks.views import in_view
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, fitted, things
-from gridslam.inference.health.range_watch import LEAST_STEPS, in_sight
+from gridslam.inference.health.range_watch import SETTLED_STEPS, in_sight
 from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.world.columns import Columns
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import Segments, level_of, unit
 from gridslam.world.scan import Scan
 
 LONGEST = 1000
@@ -49,10 +52,17 @@ class Crossed:
     heard: int
 
     @classmethod
-    def of(cls, table: Columns, model: FilterModel) -> Crossed | None:
-        """Those of a table; None where there are too few to tell anything."""
-        crossings = list(_crossings(table, model))
-        if len(crossings) < LEAST_STEPS:
+    def of(cls, table: Columns, model: FilterModel, walls: Segments) -> Crossed | None:
+        """Those of a table in the order of steps; None where there are too few to tell anything.
+
+        Parameters
+        ----------
+        walls : Segments
+            The scene's: what they hide is no line of sight. Among many anchors some path over a wall always
+            agrees with another one's heading.
+        """
+        crossings = list(_crossings(table, model, walls))
+        if len(crossings) < SETTLED_STEPS:
             return None
         gaps = [Gaps.of(crossing) for _, crossing in crossings]
         sights = np.array([in_sight(crossing.slope, model.senders) for _, crossing in crossings])
@@ -78,17 +88,29 @@ class Crossed:
         return few or own / self.numbers > ENOUGH * cured.fits[0].misfit / cured.numbers
 
 
-def _crossings(table: Columns, model: FilterModel) -> Iterator[tuple[int, Crossing]]:
+def _crossings(table: Columns, model: FilterModel, walls: Segments) -> Iterator[tuple[int, Crossing]]:
     """A table's steps at which lines of sight cross, and where."""
+    order = np.lexsort((table["anchor"], table["step"]))
+    table = {name: values[order] for name, values in table.items()}
+    clear = _clear(table, model, walls)
     steps, begin = np.unique(table["step"], return_index=True)
     columns = {name: table[name] for name in COLUMNS if name in table}
     for step, first, end in zip(steps[:LONGEST], begin, [*begin[1:], len(table["step"])], strict=False):
         rows = slice(first, end)
         scan = Scan(int(step), float(step), **{name: values[rows] for name, values in columns.items()})
         scans = split_by_anchor(scan, model)
-        crossing = crossing_of(scans, own_deviations(scans, model.radio), model)
+        crossing = crossing_of(scans, own_deviations(scans, model.radio), model, clear[rows])
         if crossing is not None:
             yield int(step), crossing
+
+
+def _clear(table: Columns, model: FilterModel, walls: Segments) -> NDArray[np.bool_]:
+    """Which rows of a table can be lines of sight: of places that no wall hides from their anchor."""
+    anchor = model.places[table["anchor"]]
+    with np.errstate(invalid="ignore"):
+        level = level_of(table["distance_m"], anchor[:, 3])
+        place: Array = anchor[:, :2] + level[:, None] * unit(table["aod_rad"] + anchor[:, 2])
+    return in_view(anchor[:, :2], place, walls)
 
 
 def fit_of(gaps: Sequence[Gaps], thing: Thing) -> Fit:

@@ -1,4 +1,4 @@
-"""What explains handovers better than the scene does: exchanged names, anchors turned or elsewhere, angles.
+"""What explains handovers better than the scene does: names, offsets, anchors turned or elsewhere.
 
 Where the agent is known by other anchors, rows of the anchor in question vote for how it stands; each way
 that many vote for is then tried on the whole table.
@@ -16,15 +16,18 @@ from gridslam.arrays import Array
 from gridslam.checks.handovers import LEAST_SIGHTS, Beginning, Handovers, Ties, beginning, first_steps
 from gridslam.checks.line_of_sight_filter import turning_rad
 from gridslam.checks.own_poses import OwnPoses, Stand, continued, poses
+from gridslam.checks.range_errors import RangeError
+from gridslam.checks.range_words import error_words
 from gridslam.checks.rivals import CERTAIN, PROBABLE, STRAIGHT_RAD, orders
 from gridslam.checks.turned_anchors import LEAST_RAD, Turn, names_words
 from gridslam.checks.unit_hypotheses import ADVICE, ANGLES, Suspicion
 from gridslam.world.columns import Columns
-from gridslam.world.geometry import wrap
+from gridslam.world.geometry import slant, wrap
 from gridslam.world.scene import Scene
 
-BESIDE = 10.0
-"""Log likelihood ratio in nats within which two explanations are named beside each other."""
+BESIDE, SIMPLER = 10.0, 10.0
+"""Log likelihood ratio in nats within which two explanations are named beside each other; by which one that
+takes two numbers has to explain more."""
 LEAST_PAIRS, AGREEING = 4, 0.6
 """Handovers of the anchors in question by which something is told, and share of them that must agree."""
 SOUND, SOUND_MISFIT = 0.8, 0.75
@@ -36,7 +39,7 @@ VOTES, MOST_TRIED = 3, 3
 """Rows that must vote for a way to stand; ways that are tried of an anchor."""
 TURN_BIN_RAD, PLACE_BIN_M = np.radians(6.0), 0.4
 LEAST_SHIFT_M, MOST_SHIFT_M = 0.4, 5.0
-"""Ways by which an anchor that stands elsewhere is off."""
+"""Ways by which an anchor that stands elsewhere is off, and lengths by which its distances are."""
 ALIKE_M, ALIKE_RAD = 0.5, np.radians(15.0)
 """Difference of lengths, of headings, up to which a row can be of the place in question."""
 
@@ -74,11 +77,12 @@ def handover_rival(table: Columns, scene: Scene, agent: str | None) -> Suspicion
     ties = Ties.of(table, scene, agent) if scene.walls and len(scene.anchors) > 1 else None
     if ties is None or is_sound(ties, scene, agent):
         return None
-    found = [one for one in explanations(table, scene, agent, ties) if one.gain >= PROBABLE]
+    every = explanations(table, scene, agent, ties)
+    found = [one for one in every if one.gain - one.handicap >= PROBABLE]
     if not found:
         return None
     best, *others = found
-    beside = [one.rival for one in others if one.score > best.score - BESIDE]
+    beside = [one.rival for one in others if one.score > best.score - BESIDE * (1 + 2 * best.is_akin(one))]
     text = "; or ".join(dict.fromkeys([best.rival.text, *(rival.text for rival in beside)]))
     reason = (
         "lines of sight of two anchors within three steps put the agent in one place "
@@ -97,10 +101,20 @@ class Explanation:
     rival: Rival
     handed: Handovers
 
+    def is_akin(self, other: Explanation) -> bool:
+        """Whether one is an offset, the other a place of the same anchor: places are blunt along the line."""
+        kinds = {self.rival.kind, other.rival.kind}
+        return kinds == {"offset", "place"} and self.rival.anchors == other.rival.anchors
+
+    @property
+    def handicap(self) -> float:
+        """Another place takes two numbers, all else one."""
+        return SIMPLER if self.rival.kind == "place" else 0.0
+
     @property
     def score(self) -> float:
         """With as many lines of sight as rows leave: of two ways the one that hides more of them is worse."""
-        return self.gain + float(np.log(2)) * sum(map(len, self.rival.seen.sights))
+        return self.gain + float(np.log(2)) * sum(map(len, self.rival.seen.sights)) - self.handicap
 
 
 def explanations(table: Columns, scene: Scene, agent: str | None, ties: Ties) -> list[Explanation]:
@@ -183,6 +197,11 @@ def _rivals(table: Columns, scene: Scene, agent: str | None, ties: Ties) -> Iter
             text = Turn(number, turn, False).words(scene)
             seen = poses(table, scene, stand.turned(number, turn), kept)
             yield Rival("aod_rad", "turned", text, (number,), seen)
+        for offset in _offsets(ties.seen, stand, number, own, there):
+            text = error_words(RangeError("offset", (number,)), offset, scene, agent)
+            length = np.maximum(table["distance_m"] - offset * (table["anchor"] == number), 0.0)
+            seen = poses(table | {"distance_m": length}, scene, stand, kept)
+            yield Rival("distance_m", "offset", text, (number,), seen)
         for shift in _shifts(ties.seen, own, there):
             x, y = stand.position[number] + shift
             where = f"anchor {scene.anchor_names[number]} stands near ({x:.1f}, {y:.1f})"
@@ -229,6 +248,23 @@ def _turns(
     turn = turn[alike & (np.abs(turn) >= LEAST_RAD)]
     near = np.abs(wrap(turn[:, None] - turn)) < TURN_BIN_RAD
     return [float(np.angle(np.exp(1j * turn[one]).mean())) for one in _elected(near)]
+
+
+def _offsets(
+    seen: OwnPoses, stand: Stand, anchor: int, own: NDArray[np.intp], there: NDArray[np.intp]
+) -> list[float]:
+    """By how much lengths of an anchor are too long, as many of its rows vote for by where others put it."""
+    away, shift = seen.place[own] - stand.position[anchor], seen.place[there] - seen.place[own]
+    level = np.maximum(np.hypot(*away.T), 1e-3)
+    along = (away * shift).sum(1) / level
+    across = (away[:, 0] * shift[:, 1] - away[:, 1] * shift[:, 0]) / level
+    height = stand.height[anchor]
+    offset = slant(level, height) - slant(np.maximum(level + along, 0.0), height)
+    alike = ~(np.abs(wrap(seen.facing[there] - seen.facing[own])) > ALIKE_RAD) & (np.abs(across) < ALIKE_M)
+    alike &= (np.abs(offset) >= LEAST_SHIFT_M) & (np.abs(offset) <= MOST_SHIFT_M)
+    offset = offset[alike]
+    near = np.abs(offset[:, None] - offset) < PLACE_BIN_M
+    return [float(offset[one].mean()) for one in _elected(near)]
 
 
 def _shifts(seen: OwnPoses, own: NDArray[np.intp], there: NDArray[np.intp]) -> list[Array]:

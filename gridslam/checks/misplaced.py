@@ -6,8 +6,9 @@ from dataclasses import replace
 
 from gridslam.checks.changes import change
 from gridslam.checks.crossed import Crossed
+from gridslam.checks.handover_rivals import handover_rival
 from gridslam.checks.unit_hypotheses import Suspicion
-from gridslam.inference.health.range_fits import beyond_doubt, words
+from gridslam.inference.health.range_fits import beyond_doubt, errors_of, named_together, undecided
 from gridslam.world.columns import VALUES, Columns
 from gridslam.world.scene import Scene
 
@@ -17,6 +18,8 @@ RANGES = {"offset", "slant", "rise"}
 """Of them, errors of distances."""
 CURED = {"slant", "rise", "turned"}
 """Those that come first if the table fits better as they say than with an anchor elsewhere."""
+OTHERWISE = {"names", "turned", "flipped"}
+"""Those that handovers tell, where an offset alone would be named."""
 LEFT = 0.7
 """Share of the misfit beyond what chance makes that an explanation may leave."""
 
@@ -38,23 +41,28 @@ def with_places(
         return found
     if not scene.agents or scene.clocks is not None or kinds - RIVALS:
         return found  # units come first, and clocks that nobody set stand for any distance
-    model = scene.filter_model(agent)
-    seen = Crossed.of(table, model)
+    model, walls = scene.filter_model(agent), scene.segments()
+    seen = Crossed.of(table, model, walls)
     if seen is None:
         return found
     told = bool(kinds & CURED) or not found  # or what the scene allows for
-    if told and cured is not None and cured is not table and seen.is_behind(Crossed.of(cured, model)):
+    if told and cured is not None and cured is not table and seen.is_behind(Crossed.of(cured, model, walls)):
         return found
-    changed = change(seen, table, model)
+    changed = change(seen, table, model, walls)
     if changed is not None:
         return [changed]
     fits = beyond_doubt(seen.fits, seen.numbers)
-    text = words(fits, model) if any(fit.thing.is_shift for fit in fits) else ""
+    if not fits and not found:
+        fits = undecided(seen.fits, seen.numbers)
+    text = named_together(fits, model) if not found or any(fit.thing.is_shift for fit in fits) else ""
     if not text:
         return found
     plain, best = (fit.misfit / seen.numbers for fit in (seen.fits[0], fits[0]))
     if best - 1 > LEFT * (plain - 1):  # something else is wrong
         return found
+    rival = None if found or fits[0].thing.is_shift else handover_rival(table, scene, agent)
+    if rival is not None and rival.kind in OTHERWISE:  # an offset explains part of what that does
+        return [rival]
     reason = (
         f"lines of sight of two anchors or more cross at {len(seen.gaps)} steps; misfit per number "
         f"{plain:.1f} as it stands, {best:.1f} so"
@@ -62,4 +70,5 @@ def with_places(
     if fits[0].thing.is_shift:
         return [Suspicion("anchor", "place", text, len(fits) == 1, reason)]
     others = [replace(item, certain=False) for item in found if item.kind not in RANGES]
-    return [Suspicion("distance_m", "offset", text, False, reason), *others]
+    kind = "slant" if fits[0].thing.is_height(errors_of(model.senders)) else "offset"
+    return [Suspicion("distance_m", kind, text, len(fits) == 1, reason), *others]

@@ -14,7 +14,7 @@ from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_
 from gridslam.checks.range_errors import LEAST_HEIGHT_M, LEAST_RISE_M, RangeError
 from gridslam.checks.range_fit import RangeFit, fits, without_twins
 from gridslam.checks.range_words import error_words
-from gridslam.checks.turned_anchors import Turn, by_chance, names_words, nearly, turned_tables, words
+from gridslam.checks.turned_anchors import Turn, by_chance, names_words, nearly, turned_sights, words
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import Columns
 from gridslam.world.network_scene import clock_model
@@ -131,8 +131,7 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
     needed : float
         Log evidence that must be reached.
     """
-    found = [(explain(read, scene, agent), turns, read) for turns, read in turned_tables(table, scene, agent)]
-    found = [one for one in found if one[0].explained >= least_share(scene)]
+    found = [one for one in turned_sights(table, scene, agent) if one[0].explained >= least_share(scene)]
     if not found:
         return None
     top = max(sight.evidence for sight, _, _ in found)

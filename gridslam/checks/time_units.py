@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gridslam.checks.handovers import LEAST_SIGHTS, Ties
 from gridslam.checks.line_of_sight_filter import Sight
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
@@ -44,13 +45,23 @@ def absurd_times(columns: Columns) -> list[Suspicion]:
     return []
 
 
-def slow_times(columns: Columns, sight: Sight) -> list[Suspicion]:
-    """Times that would make the agent crawl, by where lines of sight put it."""
+def slow_times(columns: Columns, sight: Sight, ties: Ties | None = None) -> list[Suspicion]:
+    """Times that would make the agent crawl, by where lines of sight put it.
+
+    Parameters
+    ----------
+    ties : Ties, optional
+        Where anchors put it by themselves, in a longer table: nobody may be in sight at first.
+    """
     gap = _interval_s(columns)
     if gap < LONG_S or _latest_s(columns) > LATEST_S or len(sight.position_m) < 5:
         return []
     span = float(np.ptp(columns["step"][sight.row]))
     way = float(np.linalg.norm(np.ptp(sight.position_m, axis=0)))
+    if way < LEAST_WAY_M and ties is not None and sum(map(len, ties.seen.sights)) >= LEAST_SIGHTS:
+        rows = np.concatenate(ties.seen.sights)
+        span = float(np.ptp(ties.seen.step[rows]))
+        way = float(np.linalg.norm(np.diff(np.quantile(ties.seen.place[rows], (0.1, 0.9), axis=0), axis=0)))
     speed = way / (gap * max(span, 1))
     if way < LEAST_WAY_M or speed > LEAST_MPS:
         return []

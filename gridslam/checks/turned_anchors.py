@@ -14,6 +14,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.unit_hypotheses import finite
+from gridslam.checks.views import in_view
 from gridslam.world.columns import Columns
 from gridslam.world.geometry import wrap
 from gridslam.world.scene import Scene
@@ -91,6 +92,16 @@ def turned_tables(
                 yield turns, cured(table, turns)
 
 
+def turned_sights(
+    table: Columns, scene: Scene, agent: str | None
+) -> Iterator[tuple[Sight, tuple[Turn, ...], Columns]]:
+    """The same with what is explained then, where lines of sight of those anchors bear it out."""
+    for turns, read in turned_tables(table, scene, agent):
+        sight = explain(read, scene, agent)
+        if _borne_out(sight, turns, read, scene):
+            yield sight, turns, read
+
+
 def cured(table: Columns, turns: tuple[Turn, ...]) -> Columns:
     """The table as anchors that stand as the scene says would have measured it."""
     angle = table["aod_rad"].copy()
@@ -151,6 +162,27 @@ def _turn(table: Columns, sight: Sight, scene: Scene, anchor: int, first: int | 
     expected = np.arctan2(away[:, 1], away[:, 0]) - scene.anchor_orientations[anchor]
     turn, share = _common(np.asarray(wrap(expected - table["aod_rad"][rows])))
     return Turn(anchor, turn, False) if share >= AGREEING and abs(turn) >= LEAST_RAD else None
+
+
+def _borne_out(sight: Sight, turns: tuple[Turn, ...], table: Columns, scene: Scene) -> bool:
+    """Whether each turned anchor has lines of sight, and walls don't hide it at most of them.
+
+    What reflects the signals of an anchor that is hidden all the time fits some turn of it, or its angles
+    counted the other way.
+
+    Parameters
+    ----------
+    sight : Sight
+        What is explained with the turns.
+    table : dict of (K,) arrays
+        As they say that it should have been.
+    """
+    rows = sight.row[sight.probability > SURE]
+    number = np.searchsorted(np.unique(table["step"][sight.row]), table["step"][rows])
+    anchor = table["anchor"][rows]
+    clear = in_view(scene.anchor_positions[anchor], sight.position_m[number], scene.segments())
+    own = [clear[anchor == turn.anchor] for turn in turns]
+    return all(len(one) >= LEAST_SEEN and one.mean() >= 0.5 for one in own)
 
 
 def _common(angle: Array) -> tuple[float, float]:

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.estimate_tables import PathEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.estimates import Estimate
+from gridslam.inference.management.network.readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.maps.stretches import NEAR_M, joined, stretches_of
+from gridslam.systems.slam import Slam, mapped
 from gridslam.world.geometry import unit
 
 LIKELY, SURE = 0.5, 0.9
@@ -45,6 +47,33 @@ def with_stretches(grid: Map, estimates: Sequence[Sequence[Estimate]], earlier: 
     if earlier is not None:
         heard = SurfaceStretches.stack([heard, stretches_of(earlier.wall_segments().ends_m, grid.surfaces)])
     return replace(grid, stretches=joined(heard))
+
+
+def map_so_far(
+    slam: Slam, estimates: Sequence[Estimate] | Sequence[NetworkEstimate], prior_map: Map | None = None
+) -> Map:
+    """A filter's map in the middle of a run, as the end of a run has it.
+
+    Of methods without cells walls end where paths were reflected by them, which the estimates tell; by
+    `slam.map` each is whole, from its first hit to its last.
+
+    Parameters
+    ----------
+    slam : Slam
+        Which `step` has taken so far.
+    estimates : sequence of Estimate, or of NetworkEstimate
+        What it has returned, all of it.
+    prior_map : Map, optional
+        That the filter began with: what is wall there stays so.
+    """
+    found = mapped(slam)
+    if getattr(slam, "keeps_grid", found.observed.any()):
+        return found
+    each: dict[str, list[Estimate]] = {}
+    for one in estimates:
+        for name, own in one.agents.items() if isinstance(one, NetworkEstimate) else [("", one)]:
+            each.setdefault(name, []).extend([] if own is None else [own])
+    return with_stretches(found, list(each.values()), prior_map)
 
 
 def heard_stretches(

@@ -16,13 +16,13 @@ from gridslam.maps.map import Map
 from gridslam.measurements.observations import Observations, require_kind
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
-from gridslam.runs.heard_stretches import with_stretches
+from gridslam.runs.heard_stretches import map_so_far
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, suited, taken_by
-from gridslam.systems.slam import Slam, built, mapped, stepped
+from gridslam.systems.slam import Slam, built, stepped
 from gridslam.world.columns import require_distances, require_within
 from gridslam.world.geometry import wrap
 from gridslam.world.network_scene import longest_m
@@ -121,9 +121,7 @@ def map_scene(
         done = run_steps(partial(stepped, slam), slam, measurements, before, tell, watch, checkpoint)
     with held_back() as asked:  # a map of many cells takes a moment
         estimates = done.estimates
-        last, final_map = estimates[-1], stamped(mapped(slam), scene)
-        if not getattr(slam, "keeps_grid", final_map.observed.any()):
-            final_map = with_stretches(final_map, [estimates], prior_map)
+        last, final_map = estimates[-1], stamped(map_so_far(slam, estimates, prior_map), scene)
         surfaces = last.surfaces.take(last.detected)
         if final_map.surfaces is not None and not any(len(e.surfaces) for e in estimates):
             surfaces = final_map.surfaces  # of features: no step tells them

@@ -15,7 +15,7 @@ from gridslam.inference.management.network.readout import NetworkEstimate
 from gridslam.maps.map import Map
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.runs.clock_track import ClockTrack
-from gridslam.runs.heard_stretches import with_stretches
+from gridslam.runs.heard_stretches import map_so_far
 from gridslam.runs.map_scene import believed_track, check_anchors
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
@@ -226,10 +226,8 @@ def map_network(
     done = run_steps(slam.step, slam, measurements, before, progress, watch, checkpoint)
     with held_back() as asked:
         estimates = done.estimates
-        final_map, interrupted, runs = slam.map(), len(estimates) < len(measurements), {}
-        if not getattr(slam, "keeps_grid", final_map.observed.any()):
-            each = [[one for all_of in estimates if (one := all_of.agents[name])] for name in names]
-            final_map = with_stretches(final_map, each, prior_map)
+        final_map = map_so_far(slam, estimates, prior_map)
+        interrupted, runs = len(estimates) < len(measurements), {}
         for name in names:
             own = [one for one in (all_of.agents[name] for all_of in estimates) if one is not None]
             if not own:

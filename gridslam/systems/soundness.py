@@ -60,6 +60,8 @@ def _require_sound_ranges(ranges: RangeWatch, errors: int, where: str) -> None:
     require_claims(claims, where)
     for number, late in enumerate(ranges.late):
         _require_sound_ranges(late, errors, f"{where}/late/{number}")
+    for loudest in ranges.loudest:
+        _require_sound_ranges(loudest, errors, f"{where}/loudest")
 
 
 def _require_sound_sights(sights: SightWatch, anchors: int, where: str) -> None:

@@ -53,7 +53,7 @@ class Clock(Strict):
         return np.asarray(1e-9 * (self.offset_ns + self.drift_ppb * run + jumped), np.float64)
 
 
-class Clocks(Strict):
+class Clocks(Strict, table="[clocks]"):
     """What is known of all clocks before the first step; half widths of uniform priors (0: known).
 
     `reference` names the device whose clock is the time; anchors without a prior may then be off by as much

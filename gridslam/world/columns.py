@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,25 +11,89 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 
+MOST_STEPS = 10_000_000
+REQUIRED, UNMEASURED = "required", "not measured"
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table of measurements: what writers name, checks hold it to, and the reference says.
+
+    Attributes
+    ----------
+    name, unit : str
+    default : str
+        What a table without it means.
+    least, most : float
+        Between which its numbers are.
+    open : bool
+        Whether the least itself isn't allowed.
+    meaning : str
+    """
+
+    name: str
+    unit: str
+    default: str
+    least: float
+    most: float
+    meaning: str
+    open: bool = False
+
+    @property
+    def allowed(self) -> str:
+        """Which numbers, in words."""
+        if not np.isfinite(self.most):
+            return "above 0" if self.open else "finite"
+        turns = {2 * np.pi: "2 pi", 0.5 * np.pi: "pi/2"}
+        most = turns.get(self.most, f"{self.most:.10g}")
+        return f"-{most} to {most}" if self.least == -self.most else f"{self.least:g} to {most}"
+
+    def refuses(self, values: NDArray[Any]) -> NDArray[np.bool_]:
+        """Which values (K,) it can't hold; NaN stands for not measured."""
+        below = values <= self.least if self.open else values < self.least
+        return np.asarray(below | (values > self.most))
+
+
+def _angle(name: str, most: float, meaning: str) -> Column:
+    return Column(name, "rad", UNMEASURED, -most, most, meaning)
+
+
+def _deviation(name: str, unit: str, of: str) -> Column:
+    meaning = f"its own standard deviation of `{of}`, in place of the one that follows from the amplitude"
+    return Column(name, unit, "by the amplitude", 0.0, np.inf, meaning, open=True)
+
+
+TABLE = (
+    Column("step", "1", REQUIRED, 0, MOST_STEPS - 1,
+           "number of the step, rising; a number that is missing is a silent step"),
+    Column("time_s", "s", REQUIRED, -np.inf, np.inf, "its time, strictly rising with the steps"),
+    Column("anchor", "index", REQUIRED, 0, np.inf,
+           "which anchor: a row of `/anchors`, a name in CSV files; -1, or nothing, where that isn't known"),
+    Column("distance_m", "m", UNMEASURED, 0.0, np.inf,
+           "length of the path; where offsets of clocks are in it any number", open=True),
+    _angle("aod_rad", 2 * np.pi, "direction in which it leaves the anchor, minus the anchor's orientation"),
+    _angle("aoa_rad", 2 * np.pi,
+           "direction from the agent to where it comes from, minus the agent's heading"),
+    Column("amplitude", "1", UNMEASURED, 0.0, np.inf, "square root of its SNR", open=True),
+    _deviation("distance_std_m", "m", "distance_m"),
+    _deviation("aod_std_rad", "rad", "aod_rad"),
+    _deviation("aoa_std_rad", "rad", "aoa_rad"),
+    _angle("aod_elevation_rad", 0.5 * np.pi, "elevation at which it leaves the anchor"),
+    _angle("aoa_elevation_rad", 0.5 * np.pi, "elevation of where it comes from"),
+    _deviation("aod_elevation_std_rad", "rad", "aod_elevation_rad"),
+    _deviation("aoa_elevation_std_rad", "rad", "aoa_elevation_rad"),
+)  # fmt: skip
+"""All columns but `agent`, an index beside them in tables of several."""
+BY_NAME = {column.name: column for column in TABLE}
 KEYS = ("step", "time_s", "anchor")
 VALUES = ("distance_m", "aod_rad", "aoa_rad", "amplitude")
 DEVIATIONS = ("distance_std_m", "aod_std_rad", "aoa_std_rad")
 ELEVATIONS = ("aod_elevation_rad", "aoa_elevation_rad")
-OPTIONAL = (*DEVIATIONS, *ELEVATIONS, "aod_elevation_std_rad", "aoa_elevation_std_rad")
+OPTIONAL = tuple(name for name in BY_NAME if name not in (*KEYS, *VALUES))
 """Columns that a table may lack altogether."""
-MOST_STEPS = 10_000_000
 ONE_AGENT = "one (run --agent NAME takes one's rows), or a method for several (network)"
 """What is allowed where a table holds several agents, and one is asked for."""
-UNITS = {
-    "step": "1",
-    "time_s": "s",
-    "anchor": "index",
-    "agent": "index",
-    "amplitude": "1",
-    "distance_m": "m",
-    "distance_std_m": "m",
-}
-UNITS |= dict.fromkeys((name for name in (*VALUES, *OPTIONAL) if name.endswith("_rad")), "rad")
+UNITS = {"agent": "index"} | {name: column.unit for name, column in BY_NAME.items()}
 
 Columns = dict[str, NDArray[Any]]
 
@@ -110,7 +175,7 @@ def check_columns(
             raise InputError(place(int(row), called), str(value), allowed)
 
     step, time = columns["step"], columns["time_s"]
-    refuse((step < 0) | (step >= MOST_STEPS), "step", f"0 to {MOST_STEPS - 1}")
+    refuse(BY_NAME["step"].refuses(step), "step", f"0 to {MOST_STEPS - 1}")
     refuse(~np.isfinite(time), "time_s", "a finite number")
     later = np.concatenate([[False], np.diff(step) > 0])
     same = np.concatenate([[False], np.diff(step) == 0])
@@ -123,14 +188,15 @@ def check_columns(
     refuse(outside, "anchor", f"{'-1 (not known), ' if unlabelled else ''}0 to {anchors - 1}")
     for name in (name for name in (*VALUES, *OPTIONAL) if name in columns):
         refuse(np.isinf(columns[name]), name, "a finite number")
+        bad = BY_NAME[name].refuses(columns[name])
         if name in ("aod_rad", "aoa_rad"):
             allowed = f"radians, 2 pi at most (degrees of a CSV file: {name[:3]}_deg)"
             if in_degrees and name in in_degrees:
                 allowed = "degrees, 360 at most, or an empty cell if not measured"
-            refuse(np.abs(columns[name]) > 2 * np.pi, name, allowed)
+            refuse(bad, name, allowed)
         elif name in ELEVATIONS:
-            refuse(np.abs(columns[name]) > 0.5 * np.pi, name, "radians above the horizontal, pi/2 at most")
+            refuse(bad, name, "radians above the horizontal, pi/2 at most")
         elif not (pseudo and name == "distance_m"):
-            refuse(columns[name] <= 0, name, "a number above 0")
+            refuse(bad, name, f"a number {BY_NAME[name].allowed}")
     empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
     refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")

@@ -10,7 +10,7 @@ from gridslam.world.scene_parts import NotNegative, Positive, Probability, Share
 from gridslam.world.validation import Strict
 
 
-class FilterSettings(Strict):
+class FilterSettings(Strict, table="[filter]"):
     """Settings of the filter; the papers' values are the defaults."""
 
     particles: int = Field(10_000, ge=1)

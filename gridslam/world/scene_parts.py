@@ -83,7 +83,7 @@ class DenseTail(Strict):
     decay_m: Positive
 
 
-class Radio(Strict):
+class Radio(Strict, table="[radio]"):
     """The radio link; defaults as in [Li2025adaptive] and [Li2026grid].
 
     `detection_probability` and `distance_std_m`, where given, replace what would follow from the amplitude.
@@ -173,7 +173,7 @@ class Radio(Strict):
         return self
 
 
-class GridSpec(Strict):
+class GridSpec(Strict, table="[grid]"):
     """Region to map and the side of its square cells."""
 
     x_m: Point
@@ -211,7 +211,7 @@ class GridSpec(Strict):
         return (self.x_m[0] <= x) & (x <= self.x_m[1]) & (self.y_m[0] <= y) & (y <= self.y_m[1])
 
 
-class Anchor(Strict):
+class Anchor(Strict, table="[[anchors]]"):
     """A radio at a known place."""
 
     name: Label
@@ -231,7 +231,7 @@ class Arc(Strict):
     facets: int = Field(32, ge=1, le=1000)
 
 
-class Wall(Strict):
+class Wall(Strict, table="[[walls]]"):
     """A true wall: a polyline or an arc of one material.
 
     One that doesn't reflect blocks paths alone; with ``blocks = "sight"`` lines of sight, and no other path.
@@ -286,7 +286,7 @@ class Prior(Strict):
     heading_deg: float = Field(10.0, ge=0, le=180)
 
 
-class Agent(Strict):
+class Agent(Strict, table="[[agents]]"):
     """A mobile radio; waypoints give it a way to simulate.
 
     `acceleration_mps2` is the most that it accelerates sideways on that way: the truth's, whatever

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -39,6 +39,13 @@ class Strict(BaseModel):
         strict=True, extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True, defer_build=True
     )
 
+    table: ClassVar[str] = ""
+    """Under which heading a scene file has such a model, where a key may be looked for."""
+
+    def __init_subclass__(cls, table: str = "", **settings: Any) -> None:
+        super().__init_subclass__(**settings)
+        cls.table = table
+
     def __setattr__(self, name: str, value: Any) -> None:
         """Refuse to change a value."""
         if name.startswith("_"):
@@ -52,7 +59,9 @@ class Strict(BaseModel):
     def _know_every_key(cls, data: Any) -> Any:
         for key in data if isinstance(data, Mapping) else ():
             if key not in cls.model_fields:
-                raise fault(str(key), "an unknown key", nearest(str(key), cls.model_fields))
+                raise fault(
+                    str(key), "an unknown key", _elsewhere(key) or nearest(str(key), cls.model_fields)
+                )
         return data
 
     @classmethod
@@ -74,6 +83,12 @@ class Strict(BaseModel):
                 rest = f"{len(faults) - MOST_FAULTS + 1} more faults"
                 faults = [*faults[: MOST_FAULTS - 1], InputError(where, rest, "none")]
             raise Faults(faults) from None
+
+
+def _elsewhere(key: object) -> str:
+    """Under which headings of a scene file a key is known; what is appended to a file is of its last one."""
+    found = [one.table for one in Strict.__subclasses__() if one.table and key in one.model_fields]
+    return f"it under {' or '.join(found)}, which has this key" if found else ""
 
 
 def _apart(errors: list[ErrorDetails]) -> list[ErrorDetails]:

@@ -42,7 +42,7 @@ def test_a_clock_that_jumps_is_named_with_its_step_and_size(heard, metres):
     assert found, line
     assert float(found[1]) == pytest.approx(abs(metres), abs=0.15)
     model = PILLARS.filter_model("agent1")
-    crossed = Crossed.of(heard.columns, model)
+    crossed = Crossed.of(heard.columns, model, PILLARS.segments())
     told = np.array(crossed.steps)  # it is seen where lines of sight cross, no sooner
     assert np.count_nonzero((told >= min(FIRST, int(found[2]))) & (told < max(FIRST, int(found[2])))) < 8
 
@@ -52,10 +52,11 @@ def test_a_jump_and_a_drift_that_fit_alike_are_both_ways_to_see_it(heard, monkey
     """Misfits are bounded, so that they may be equal: a table of a researcher's ended in a TypeError."""
     table = jumps(heard, 2.0)
     model = PILLARS.filter_model("agent1")
-    seen = Crossed.of(table.columns, model)
+    walls = PILLARS.segments()
+    seen = Crossed.of(table.columns, model, walls)
     best = min(changes._jumps(seen), key=lambda one: one.misfit)
     monkeypatch.setattr(changes, "_drifts", lambda seen: [best._replace(since=None)])
-    found = change(seen, dict(table.columns), model)
+    found = change(seen, dict(table.columns), model, walls)
     assert found is not None
     assert "anchor B" in found.text
 
@@ -87,14 +88,16 @@ def test_anchors_that_are_exchanged_from_a_step_on_are_named(heard):
 def test_nothing_has_changed_in_right_tables(name):
     scene = gs.Scene.load(name)
     table, model = gs.simulate(scene, "agent1", 62), scene.filter_model("agent1")
-    assert change(Crossed.of(table.columns, model), table.columns, model) is None
+    walls = scene.segments()
+    assert change(Crossed.of(table.columns, model, walls), table.columns, model, walls) is None
 
 
 @pytest.mark.slow
 def test_what_is_wrong_all_the_time_has_not_changed(heard):
     late = replace(heard, distance_m=heard.distance_m + 2.0 * (heard.anchor == 1))
     model = PILLARS.filter_model("agent1")
-    assert change(Crossed.of(late.columns, model), late.columns, model) is None
+    walls = PILLARS.segments()
+    assert change(Crossed.of(late.columns, model, walls), late.columns, model, walls) is None
 
 
 @pytest.mark.slow
@@ -104,5 +107,6 @@ def test_a_clock_that_jumps_is_no_exchange_of_the_other_two():
     own = (table.anchor == 0) & (table.step >= 133)
     late = replace(table, distance_m=table.distance_m + 2.0 * own)
     model = canyon.filter_model("agent1")
-    found = change(Crossed.of(late.columns, model), late.columns, model)
+    walls = canyon.segments()
+    found = change(Crossed.of(late.columns, model, walls), late.columns, model, walls)
     assert "distances of anchor A are 2.0" in found.text

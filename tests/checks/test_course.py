@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gridslam.checks.course import course_note
+from gridslam.checks.course import course_note, may_be_straight
 
 ANGLE = np.linspace(0, 1.5 * np.pi, 120)
 LOOP = 2.5 * np.stack([np.cos(ANGLE), np.sin(ANGLE)], 1)
@@ -56,3 +56,14 @@ def test_little_tells_nothing():
     assert course_note(followed(LOOP[:10], np.zeros(10))) is None
     assert course_note(followed(LOOP, [None] * 120)) is None
     assert course_note(followed(np.zeros((120, 2)), np.zeros(120))) is None, "it stands"
+
+
+def test_a_straight_way_that_wavers_far_from_anchors_may_be_straight():
+    """Right corridors were told that their arrivals are of the world, for their ways seemed to turn."""
+    straight = np.stack([np.linspace(0, 5, 100), 0.3 * np.sin(np.linspace(0, 6, 100))], 1)
+    far = SimpleNamespace(position_m=straight, distance_m=np.full(80, 12.0), probability=np.ones(80))
+    assert may_be_straight(far)
+    near = SimpleNamespace(position_m=straight, distance_m=np.full(80, 2.0), probability=np.ones(80))
+    assert not may_be_straight(near)
+    loop = SimpleNamespace(position_m=LOOP, distance_m=np.full(80, 12.0), probability=np.ones(80))
+    assert not may_be_straight(loop)

@@ -1,13 +1,15 @@
 """What handovers and the first poses name that a filter passes, and what they refute."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import gridslam as gs
+from gridslam.checks import handover_rivals
 from gridslam.checks.by_handovers import named, refuted
-from gridslam.checks.handover_rivals import handover_rival, is_sound
+from gridslam.checks.handover_rivals import explanations, handover_rival, is_sound
 from gridslam.checks.handovers import Ties
 from gridslam.checks.told_start import other_start_told
 from gridslam.checks.unit_hypotheses import Suspicion
@@ -52,6 +54,28 @@ def test_an_anchor_elsewhere_is(heard):
     found = handover_rival(heard, scene, WHO)
     assert (found.column, found.kind) == ("anchor", "place")
     assert "anchor B stands near (6.0, 4.0)" in found.text.replace("3.9", "4.0")
+
+
+def test_an_offset_of_an_anchor_that_comes_into_sight_late_is(heard):
+    late = heard["distance_m"] + 1.5 * (heard["anchor"] == 1)
+    found = handover_rival(heard | {"distance_m": late}, SCENE, WHO)
+    assert (found.column, found.kind) == ("distance_m", "offset")
+    assert re.match(r"distances of anchor B are 1\.[45]\d m .* too long", found.text)
+
+
+def test_a_place_that_does_nearly_as_well_as_an_offset_is_named_beside_it(heard, monkeypatch):
+    """Places are blunt: a far anchor's are known to half a metre, its lengths to a tenth."""
+    late = np.abs(heard["distance_m"] - 0.9 * (heard["anchor"] == 1))
+    ties = Ties.of(heard | {"distance_m": late}, SCENE, WHO)
+    found = explanations(heard | {"distance_m": late}, SCENE, WHO, ties)
+    place, offset = (next(one for one in found if one.rival.kind == kind) for kind in ("place", "offset"))
+    assert place.rival.anchors == offset.rival.anchors == (1,)
+    for gains, both in (((140.0, 105.0), True), ((140.0, 60.0), False)):
+        told = [replace(one, gain=gain) for one, gain in zip((place, offset), gains, strict=True)]
+        monkeypatch.setattr(handover_rivals, "explanations", lambda *_, told=told: told)
+        text = handover_rival(heard | {"distance_m": late}, SCENE, WHO).text
+        assert "anchor B stands near" in text
+        assert ("; or distances of anchor B are" in text) == both
 
 
 def test_arrivals_counted_clockwise_and_bearings_are_told_apart(heard):

@@ -8,6 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam.checks.handovers import Ties
 from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.time_units import slow_times
 from gridslam.checks.verdict import verdict
 
 SCENE = gs.Scene.load("hall")
@@ -90,3 +91,14 @@ def test_a_start_out_of_sight_is_said_not_to_be_judged(heard, monkeypatch):
     assert told not in verdict(heard, np.arange(2), SCENE, "agent1")
     monkeypatch.setattr("gridslam.checks.handovers.LEAST_FIRST", 100)
     assert told in verdict(heard, np.arange(2), SCENE, "agent1")
+
+
+def test_milliseconds_are_told_of_an_agent_that_nobody_has_in_sight_at_first(heard):
+    """The filter of lines of sight looks at 100 steps, and finds no way there; anchors tell later."""
+    late = {name: values[(heard["step"] > 130) | (heard["anchor"] == 1)] for name, values in heard.items()}
+    sight, ties = explain(late, SCENE, "agent1"), Ties.of(late, SCENE, "agent1")
+    still = replace(sight, position_m=np.zeros_like(sight.position_m))
+    assert slow_times(late | {"time_s": 1e3 * late["time_s"]}, still) == []
+    (found,) = slow_times(late | {"time_s": 1e3 * late["time_s"]}, still, ties)
+    assert (found.column, found.kind) == ("time_s", "milliseconds")
+    assert slow_times(late, still, ties) == []

@@ -9,8 +9,9 @@ import pytest
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
 from gridslam.checks.range_note import range_note
+from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, errors_of, fitted, named_together
 
-CANYON = gs.Scene.load("canyon")
+CANYON, HALL = gs.Scene.load("canyon"), gs.Scene.load("hall")
 
 
 def told_elsewhere(scene, anchor, shift):
@@ -56,6 +57,47 @@ def test_an_offset_is_still_an_offset():
     ((kind, item),) = kinds(CANYON, late)
     assert kind == "offset"
     assert "anchor B" in item.text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("metres", "words"), [(1.5, r"1\.[45]\d m .* too long"), (-0.9, r"0\.[89]\d m .* too short")]
+)
+def test_an_offset_of_an_anchor_that_is_out_of_sight_for_longer_than_a_filter_looks_is_named(metres, words):
+    """In hall B comes into sight at step 140, where the filter of lines of sight looks at 100."""
+    table = gs.simulate(HALL, "agent1", 56)
+    late = replace(table, distance_m=np.abs(table.distance_m + metres * (table.anchor == 1)))
+    ((kind, item),) = kinds(HALL, late)
+    assert kind == "offset"
+    assert re.search(f"distances of anchor B seem {words}", item.text)
+    assert "anchor A" not in item.text
+    assert re.search("distances of anchor B", range_note(HALL, "agent1", late))
+    assert kinds(HALL, table) == []
+
+
+def test_all_that_explains_the_same_is_named():
+    shift, offsets = Fit(Thing((4, 5)), 10.0, (0.6, 0.6)), [Fit(Thing((j,)), 9.0 + j, (0.7,)) for j in (0, 1)]
+    said = named_together([*offsets, shift], gs.Scene.load("room").filter_model("agent1"))
+    assert [said.count(f"distances of anchor {name} seem 0.70 m") for name in "AB"] == [1, 1]
+    assert said.startswith("distances of anchor A")
+    assert said.count("anchor A stands near (-2.5, 2.8)") == 1
+    said = named_together([shift, offsets[1]], gs.Scene.load("room").filter_model("agent1"))
+    assert said.startswith("anchor A stands near")
+    assert ", or distances of anchor B" in said
+
+
+def test_a_height_whose_square_is_negative_is_none():
+    """Distances that are too short were explained by a height of the root of -7 m^2."""
+    crossings = np.zeros((2, 2, errors_of(2)))
+    crossings[0, :, -1], crossings[1, :, -1] = [0.1, 0.0], [0.0, 0.2]
+    gaps = Gaps.of(
+        Crossing(np.array([[0.0, 0.0], [-0.3, -0.6]]), np.tile(400 * np.eye(2), (2, 1, 1)), crossings)
+    )
+    for sign in (1, -1):
+        turned = gaps._replace(vector=sign * gaps.vector)
+        fit, errors = fitted(turned, Thing((errors_of(2) - 1,)))
+        plain, _ = fitted(turned, Thing(()))
+        assert (fit.size[0] > 0) == (errors[-1] > 0) == (fit.misfit < plain.misfit)
 
 
 @pytest.mark.slow

@@ -7,7 +7,12 @@ import pytest
 
 import gridslam as gs
 from gridslam.checks.diagnose import suspicions
-from gridslam.checks.reflections_instead import takes_reflections, through_walls
+from gridslam.checks.reflections_instead import (
+    are_faint_and_hidden,
+    takes_reflections,
+    through_walls,
+)
+from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.world.scene import Scene
 
 CORRIDOR = """
@@ -73,3 +78,22 @@ def test_a_right_table_from_a_narrow_corridor_is_left_in_peace(tmp_path, seed):
     scene = Scene.load(tmp_path / "corridor.toml")
     heard = gs.simulate(scene, "agent1", seed)
     assert suspicions(dict(heard.columns), heard.anchors, scene, "agent1") == []
+
+
+def test_units_by_which_reflections_of_a_hidden_anchor_fit_are_no_suspicion():
+    """Three of 42 right tables of drawn plans were called feet, nanoseconds and the way there and back."""
+    hall = gs.Scene.load("hall")  # at the start B is hidden
+    model, far = hall.signal_model(), np.linspace(8.0, 12.0, 12)
+    rows = {"row": np.arange(12), "probability": np.ones(12), "distance_m": far}
+    shares = np.array([np.nan, 1.0])
+    cure = SimpleNamespace(**rows, shares=shares)
+    found = [Suspicion("distance_m", "feet", "feet", True, "")]
+
+    def told(db, anchor=1, found=found):
+        table = {"anchor": np.full(12, anchor), "amplitude": model.amplitude(far) * 10 ** (db / 20)}
+        return are_faint_and_hidden(found, table, cure, hall, "agent1", None)
+
+    assert told(-10.0)
+    assert not told(-3.0), "as loud as lines of sight"
+    assert not told(-10.0, anchor=0), "in sight from the told start"
+    assert not told(-10.0, found=[Suspicion("anchor", "names", "names", True, "")])

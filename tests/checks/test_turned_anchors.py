@@ -1,6 +1,7 @@
 """`check` names anchors that are turned, by how much, and those whose angles are mirrored."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ from docs_scripts import script
 
 import gridslam as gs
 from gridslam.checks.diagnose import suspicions
+from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.turned_anchors import Turn, _borne_out
 from gridslam.world.geometry import wrap
 
 
@@ -64,3 +67,18 @@ def test_no_anchor_is_accused_where_the_agent_is_slow_and_goes_around_bends(seed
     scene = script("random_plans").scene_of(seed, 40.0, "grid")
     table = gs.simulate(scene, "agent1", seed)
     assert suspicions(dict(table.columns), table.anchors, scene, "agent1") == []
+
+
+def test_an_anchor_that_is_hidden_all_the_time_is_not_called_turned():
+    """What walls reflect of its signals fits some turn: `check` accused it in a drawn plan (1845)."""
+    scene = gs.Scene.load("hall")
+    table = dict(gs.simulate(scene, "agent1", 11).columns)
+    turns = (Turn(1, 0.0, True),)  # B comes into sight at step 140, the filter looks at 100
+    sight = explain(table, scene, "agent1")
+    rows = np.flatnonzero(table["anchor"] == 1)[:20]
+    fits = replace(
+        sight, row=rows, probability=np.ones(20),
+        position_m=np.tile(scene.anchor_positions[0] + 0.5, (len(np.unique(table["step"][rows])), 1)),
+    )  # fmt: skip
+    assert not _borne_out(fits, turns, table, scene)
+    assert _borne_out(replace(fits, position_m=fits.position_m + np.array([10.0, 7.0])), turns, table, scene)

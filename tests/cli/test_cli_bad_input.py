@@ -34,6 +34,11 @@ def change(text, old, new):
 SCENE_FAULTS = {
     "unknown key": ("[radio]", "[radio]\ncolour = 3", "radio.colour"),
     "misspelt key": ("bandwidth_hz", "bandwith_hz", "bandwidth_hz (nearest known)"),
+    "key of another table": (
+        "[radio]",
+        "[radio]\nwaypoints_m = []",
+        "it under [[agents]]",
+    ),
     "misspelt key of an anchor": ("position_m = [-3.1", "positon_m = [-3.1", "anchors[0].positon_m"),
     "zero-length wall": ("[4.0, -3.0]", "[-4.0, -3.0]", "zero length"),
     "unknown material": ('material = "concrete"', 'material = "concret"', "concrete (nearest known)"),

@@ -95,18 +95,18 @@ def test_stopped_while_that_is_loaded_which_draws_a_run_lacks_figures_alone(tiny
 
 
 def test_stopped_while_the_map_is_drawn_up_a_run_is_whole(tiny, monkeypatch):
-    from gridslam.systems.slam import mapped
+    from gridslam.runs.heard_stretches import map_so_far
 
-    cut_short(monkeypatch, "gridslam.runs.map_scene", "mapped", then=mapped)
+    cut_short(monkeypatch, "gridslam.runs.map_scene", "map_so_far", then=map_so_far)
     told = tiny(*ONE)
     assert (told.code, told.complaints) == (130, ["interrupted after the last step: out holds all"])
     assert kept()["agents"]["agent1"]["position_rmse_m"] is not None
 
 
 def test_stopped_while_the_first_map_is_drawn_up_the_second_agent_doesn_t_begin(tiny, monkeypatch):
-    from gridslam.systems.slam import mapped
+    from gridslam.runs.heard_stretches import map_so_far
 
-    cut_short(monkeypatch, "gridslam.runs.map_scene", "mapped", then=mapped)
+    cut_short(monkeypatch, "gridslam.runs.map_scene", "map_so_far", then=map_so_far)
     told = tiny(*RUN, "-o", "out")
     line = "interrupted after all 3 steps of agent1, before the last of agent2: out holds what was done"
     assert (told.code, told.complaints) == (130, [line])
@@ -114,9 +114,9 @@ def test_stopped_while_the_first_map_is_drawn_up_the_second_agent_doesn_t_begin(
 
 
 def test_in_python_the_interrupt_has_the_run(tiny, monkeypatch):
-    from gridslam.systems.slam import mapped
+    from gridslam.runs.heard_stretches import map_so_far
 
-    cut_short(monkeypatch, "gridslam.runs.map_scene", "mapped", then=mapped)
+    cut_short(monkeypatch, "gridslam.runs.map_scene", "map_so_far", then=map_so_far)
     scene = gs.Scene.load("tiny.toml")
     with pytest.raises(KeyboardInterrupt) as stop:
         gs.map_scene(scene, gs.simulate(scene, "agent1"), agent="agent1", particles=100)

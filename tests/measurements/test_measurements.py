@@ -6,6 +6,7 @@ from tables import same, table
 
 from gridslam.errors import InputError
 from gridslam.measurements.table import Measurements
+from gridslam.world import columns
 from gridslam.world.columns import VALUES
 
 # ---- steps
@@ -136,3 +137,18 @@ def test_arrays_that_do_not_match_are_refused(arguments, where):
     with pytest.raises(InputError) as caught:
         Measurements.from_arrays({"A": [[1.0], [2.0]]}, **arguments)
     assert caught.value.where == f"measurements: {where}"
+
+
+@pytest.mark.parametrize(
+    "column", [one for one in columns.TABLE if one.name not in columns.KEYS], ids=lambda one: one.name
+)
+def test_a_table_is_held_to_the_limits_that_the_reference_states(column):
+    """Written once, in `gridslam.world.columns`: what checks refuse, and what docs/file-formats.md allows."""
+    row = {"step": np.array([0]), "time_s": np.zeros(1), "anchor": np.array([0]), "distance_m": np.ones(1)}
+    ends = [value for value in (column.least, column.most) if np.isfinite(value)]
+    kept = [] if column.open else ends
+    for value in (*kept, 0.5):
+        columns.check_columns(row | {column.name: np.array([value])}, 1, lambda row, name: name)
+    for value in (np.inf, *([column.least] if column.open else [end * 1.01 for end in ends])):
+        with pytest.raises(InputError, match=column.name):
+            columns.check_columns(row | {column.name: np.array([value])}, 1, lambda row, name: name)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from map_samples import surfaces
 
+import gridslam as gs
 from gridslam.estimate_tables import PathEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.maps.map import Map
 from gridslam.maps.walls import WallSegments
@@ -124,3 +125,18 @@ def test_the_longest_are_told_with_their_sum():
     )
     assert said.endswith(" and 2 more")
     assert unhit_words(ends[:0]) == ""
+
+
+def test_a_map_in_mid_run_is_what_the_end_of_a_run_would_have():
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    scene = gs.Scene.checked({**data, "agents": [{**data["agents"][0], "steps": 25}]}, "room")
+    heard, estimates = gs.simulate(scene, "agent1", seed=3), []
+    slam = gs.AdaptiveSlam(scene, agent="agent1", seed=3)
+    for step in range(25):
+        estimates.append(slam.step(heard.scan(step)))
+    run = gs.map_scene(scene, heard, method="adaptive", seed=3, start="exact")
+    whole, ended = slam.map(), gs.map_so_far(slam, estimates)
+    assert whole.stretches is None
+    np.testing.assert_array_equal(ended.stretches.extent_m, run.map.stretches.extent_m)
+    lengths = [np.ptp(found.wall_segments().extent_m, axis=1).sum() for found in (whole, ended)]
+    assert 0 < lengths[1] < lengths[0]

@@ -71,7 +71,7 @@ reason              said when                                   by              
                     set that it is tied to
 `CLOCK_CONTESTED`   lines of sight stand for another clock  `systems.network`                (M531)
                     of an agent, not enough to set it there yet
-`offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262)
+`offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262),
 `shifted`, `of_late`
 `offset`, `shifted` an anchor's line of sight has been longer   `sight_watch.SightWatch`         (M510)
 `of_late`           or shorter by the same of late, where the

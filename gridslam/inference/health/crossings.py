@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from itertools import accumulate
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.health.range_fits import Crossing, errors_of
@@ -19,7 +20,10 @@ AGREE = 4.0
 """Deviations within which headings agree that follow from two lines of sight."""
 
 
-def crossing_of(scans: Sequence[AnchorScan], deviations: Array, model: FilterModel) -> Crossing | None:
+def crossing_of(
+    scans: Sequence[AnchorScan], deviations: Array, model: FilterModel,
+    clear: NDArray[np.bool_] | None = None,
+) -> Crossing | None:  # fmt: skip
     """Where the lines of sight of two anchors or more put the agent; None where there aren't two.
 
     An anchor's is taken to be the shortest of its paths, if that is the loudest, too, and if the heading that
@@ -29,10 +33,12 @@ def crossing_of(scans: Sequence[AnchorScan], deviations: Array, model: FilterMod
     ----------
     deviations : (M, 3)
         Of all measurements, one anchor's after the other's; as of `own_deviations`.
+    clear : (M,) bool, optional
+        Which of them can be lines of sight for all that is known of walls.
     """
     begins = accumulate((len(scan) for scan in scans), initial=0)
     first = [(scan.anchor, begin + row) for scan, begin in zip(scans, begins, strict=False)
-             if (row := _first(scan)) is not None]  # fmt: skip
+             if (row := _first(scan)) is not None and (clear is None or clear[begin + row])]  # fmt: skip
     if len(first) < 2:
         return None
     anchor, rows = np.array(first).T

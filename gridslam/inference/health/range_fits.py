@@ -118,6 +118,10 @@ class Thing(NamedTuple):
         """Whether an anchor stands elsewhere."""
         return len(self.columns) == 2 and not self.alike
 
+    def is_height(self, size: int) -> bool:
+        """Whether it is a height that the scene lacks, of P errors in all."""
+        return self.columns == (size - 1,)
+
     def anchor(self, anchors: int) -> int:
         """Which anchor a shift is of."""
         return (self.columns[0] - 2 * anchors) // 2
@@ -171,19 +175,21 @@ def fitted(gaps: Gaps, thing: Thing) -> tuple[Fit, Array]:
     shape, prior = _shape(len(gaps.vector), thing)
     pull = shape @ gaps.vector
     size = np.linalg.solve(shape @ gaps.information @ shape.T + prior, pull)
+    if thing.is_height(len(gaps.vector)) and size[0] < 0:  # no height has such a square: none at all
+        fit, errors = fitted(gaps, Thing(()))
+        return Fit(thing, fit.misfit, (0.0,)), errors
     own = (1 if thing.alike else len(thing.columns)) if thing.columns else 0
     return Fit(thing, gaps.total - float(pull @ size), tuple(size[:own].tolist())), shape.T @ size
 
 
-def beyond_doubt(fits: Sequence[Fit], count: float, most: float = 0.0) -> tuple[Fit, ...]:
-    """What is wrong, the simplest first, and anchors that stand elsewhere as other readings; or nothing.
+def beyond_doubt(fits: Sequence[Fit], count: float) -> tuple[Fit, ...]:
+    """What is wrong, the simplest first, and anchors that stand elsewhere as other readings; or nothing."""
+    found = undecided(fits, count)
+    return found if all(fit.thing.is_shift for fit in found[1:]) else ()
 
-    Parameters
-    ----------
-    most : float
-        Squared gaps of the step that has most of them: without it, too, something has to be wrong. One step
-        may be of paths over walls, and some place of an anchor explains whatever one step says.
-    """
+
+def undecided(fits: Sequence[Fit], count: float) -> tuple[Fit, ...]:
+    """What is wrong, as of `beyond_doubt`, with all else that explains as much beside it."""
     scale = max(min(fit.misfit for fit in fits) / count, 1.0)
     ranked = sorted(fits, key=lambda fit: fit.misfit + 2 * SIMPLER * scale * fit.thing.is_shift)
     best, plain = ranked[0], next(fit for fit in fits if not fit.thing.columns)
@@ -191,12 +197,10 @@ def beyond_doubt(fits: Sequence[Fit], count: float, most: float = 0.0) -> tuple[
         return ()
     if best.thing.is_shift and math.hypot(*best.size) > FARTHEST_M:  # its image by a wall
         return ()
-    if 0.5 * (plain.misfit - best.misfit - most) < CERTAIN * scale:
+    if 0.5 * (plain.misfit - best.misfit) < CERTAIN * scale:
         return ()
     near = [fit for fit in ranked[1:] if 0.5 * (fit.misfit - best.misfit) < CLEAR * scale]
-    if not all(fit.thing.is_shift for fit in near):
-        return ()
-    return (best, *(fit for fit in near if math.hypot(*fit.size) <= FARTHEST_M))
+    return (best, *(fit for fit in near if not fit.thing.is_shift or math.hypot(*fit.size) <= FARTHEST_M))
 
 
 def words(found: Sequence[Fit], model: FilterModel) -> str:
@@ -212,12 +216,25 @@ def words(found: Sequence[Fit], model: FilterModel) -> str:
     if best.thing.is_shift:
         return elsewhere if far else ""
     (size,) = best.size
-    if best.thing.columns == (errors_of(anchors) - 1,):
+    if best.thing.is_height(errors_of(anchors)):
         text = reasons.height(size**0.5) if size >= LEAST_HEIGHT_M**2 else ""
     else:
         whose = "all anchors" if best.thing.alike else f"anchor {model.anchor_names[best.thing.columns[0]]}"
         text = reasons.offset(whose, size) if far or abs(size) >= LEAST_OFFSET_M else ""
     return f"{text}, or {elsewhere}" if text and far else text
+
+
+def named_together(fits: Sequence[Fit], model: FilterModel) -> str:
+    """What is wrong, with all that explains as much; empty if the best is too small to tell of."""
+    shifts = sorted((fit for fit in fits if fit.thing.is_shift), key=lambda fit: fit.thing.columns)
+    numbers = [fit for fit in fits if not fit.thing.is_shift]
+    if not numbers or (fits[0] is numbers[0] and len(numbers) == 1):
+        return words(fits, model)
+    best, *others = fits
+    # in the same order from look to look, so that a run's notes count them as one
+    rest = sorted(others, key=lambda fit: (fit.thing.is_shift, not fit.thing.alike, fit.thing.columns))
+    each = [words(shifts if fit.thing.is_shift else (fit,), model) for fit in (best, *rest)]
+    return ", or ".join(dict.fromkeys(filter(None, each))) if each[0] else ""
 
 
 @cache

@@ -2,13 +2,15 @@
 anchors that the scene has wrong.
 
 A filter can't tell such an error from another place of its agent, and of everything that it maps. But two
-anchors whose distances are too long put the agent at two places, whoever follows it. docs/model.md, (M262).
+anchors whose distances are too long put the agent at two places, whoever follows it. docs/model.md, (M262),
+(M537).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from operator import sub
 from typing import Self
 
 import numpy as np
@@ -17,17 +19,20 @@ from gridslam.arrays import Array
 from gridslam.inference.health import reasons
 from gridslam.inference.health.range_fits import (
     Crossing,
+    Fit,
     Gaps,
     beyond_doubt,
     errors_of,
     fitted,
+    named_together,
     things,
-    words,
+    undecided,
 )
 from gridslam.world.filter_model import FilterModel
 
-LEAST_STEPS, EVERY = 15, 5
-"""Steps looked at, with two anchors or more in sight, before anything is said; how often it is weighed."""
+LEAST_STEPS, SETTLED_STEPS, EVERY = 6, 15, 5
+"""Steps looked at, with two anchors or more in sight, before anything is said; up to which it is weighed at
+each of them, and how often from then on."""
 LATE_STEPS = 8
 """Steps looked at of the first half of what was heard of late, and of the second at most: clocks jump."""
 
@@ -46,8 +51,8 @@ class RangeWatch:
         What is wrong, in words; empty if nothing is.
     looks : tuple of int, J
         Steps at which each anchor was one of those; empty in files of earlier versions.
-    most : float
-        Largest sum of squared gaps of a step.
+    loudest : tuple of RangeWatch
+        The same of the step of the largest gaps alone; none in files of earlier versions, and before any.
     late : tuple of RangeWatch
         The same of the latest `LATE_STEPS` full, and of those since; empty in files of earlier versions.
     """
@@ -59,7 +64,7 @@ class RangeWatch:
     steps: int = 0
     doubt: str = field(default="", metadata={"later": True})
     looks: tuple[int, ...] = field(default=(), metadata={"later": True})
-    most: float = field(default=0.0, metadata={"later": True})
+    loudest: tuple[RangeWatch, ...] = field(default=(), metadata={"later": True})
     late: tuple[RangeWatch, ...] = field(default=(), metadata={"later": True})
 
     @classmethod
@@ -75,17 +80,24 @@ class RangeWatch:
             return self
         seen = in_sight(crossing.slope, model.senders)
         after = replace(self._taken_in(gaps, seen), late=self._late(gaps, seen))
-        if after.steps < LEAST_STEPS or after.steps % EVERY:
+        if after.steps < LEAST_STEPS or (after.steps > SETTLED_STEPS and after.steps % EVERY):
             return after
-        return replace(after, doubt=after.conclusion(model) or after.lately(model))
+        doubt = after.conclusion(model) or after.lately(model) or after.conclusion(model, decided=False)
+        return replace(after, doubt=doubt)
 
     def _taken_in(self, gaps: Gaps, seen: Sequence[bool]) -> Self:
         """With the gaps of a step, and the anchors that were in sight."""
-        looks = tuple(n + now for n, now in zip(self.looks or (0,) * len(seen), seen, strict=True))
+        one = RangeWatch(*gaps, steps=1, looks=tuple(map(int, seen)))
+        return self._joined(replace(one, loudest=(one,)))
+
+    def _joined(self, other: RangeWatch) -> Self:
+        """With what others say."""
+        looks = tuple(a + b for a, b in zip(self.looks or (0,) * len(other.looks), other.looks, strict=True))
+        loudest = max([*self.loudest, *other.loudest], key=lambda one: one.total, default=None)
         return replace(
-            self, information=self.information + gaps.information, vector=self.vector + gaps.vector,
-            total=self.total + gaps.total, count=self.count + gaps.numbers, steps=self.steps + 1,
-            looks=looks, most=max(self.most, gaps.total),
+            self, information=self.information + other.information, vector=self.vector + other.vector,
+            total=self.total + other.total, count=self.count + other.count, steps=self.steps + other.steps,
+            looks=looks, loudest=() if loudest is None else (loudest,),
         )  # fmt: skip
 
     def _late(self, gaps: Gaps, seen: Sequence[bool]) -> tuple[RangeWatch, ...]:
@@ -98,20 +110,34 @@ class RangeWatch:
     def lately(self, model: FilterModel) -> str:
         """What has been wrong of late beyond doubt, in words: all of it may be right and wrong in turn."""
         before, now = self.late
-        looks = tuple(a + b for a, b in zip(before.looks, now.looks, strict=True))
-        both = replace(
-            now, information=before.information + now.information, vector=before.vector + now.vector,
-            total=before.total + now.total, count=before.count + now.count, steps=before.steps + now.steps,
-            looks=looks, most=max(before.most, now.most),
-        )  # fmt: skip
+        both = now._joined(before)
         said = both.conclusion(model) if before.steps else ""
         return reasons.of_late(said) if said else ""
 
-    def conclusion(self, model: FilterModel) -> str:
-        """What is wrong beyond doubt, in words."""
-        gaps = Gaps(self.information, self.vector, self.total, self.count)
+    def conclusion(self, model: FilterModel, decided: bool = True) -> str:
+        """What is wrong beyond doubt, in words.
+
+        Parameters
+        ----------
+        decided : bool
+            Whether only one thing may be; otherwise all that explain as much are named.
+        """
+        found = self._found(self._gaps, decided)
+        for one in self.loudest if found else ():  # which may be of paths over walls
+            without = self._found(Gaps(*map(sub, self._gaps, one._gaps)), decided)
+            found = found if without and without[0].thing == found[0].thing else ()
+        return named_together(found, model)
+
+    @property
+    def _gaps(self) -> Gaps:
+        return Gaps(self.information, self.vector, self.total, self.count)
+
+    def _found(self, gaps: Gaps, decided: bool) -> tuple[Fit, ...]:
+        """What is wrong by the gaps of all steps, or of all but one."""
+        if gaps.numbers < 1:
+            return ()
         fits = [fitted(gaps, thing)[0] for thing in things(self.looks, bool(self.information[-1, -1] > 0))]
-        return words(beyond_doubt(fits, self.count, self.most), model)
+        return (beyond_doubt if decided else undecided)(fits, gaps.numbers)
 
 
 def in_sight(slope: Array, anchors: int) -> list[bool]:

@@ -45,8 +45,9 @@ PURPOSE = 3
 """Names the stream of random numbers that a search takes."""
 PARTICLES = 512
 """Drawn for each of several hypotheses, at most: particles hardly matter, and one by one they cost time."""
-LOOK_EVERY = 3
-"""Steps from one look at whether lines of sight cross to the next: what they tell is the same at all."""
+LOOK_EVERY, LOOK_OFTEN = 3, 30
+"""Steps from one look at whether lines of sight cross to the next: what they tell is the same at all; and the
+first ones, all of which are looked at: what is wrong is to be named before much is mapped."""
 
 
 def begun(state: State, model: FilterModel) -> Population[State]:
@@ -113,7 +114,7 @@ def _sighted(
 def _ranges(population: Population[State], scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:
     """What lines of sight that cross say of the distances, whoever follows them."""
     before = RangeWatch.start(model.senders) if population.ranges is None else population.ranges
-    if population.best.step % LOOK_EVERY:
+    if population.best.step >= LOOK_OFTEN and population.best.step % LOOK_EVERY:
         return before
     scans = work.once(split_by_anchor, scan, model)
     crossing = crossing_of(scans, work.once(own_deviations, scans, model.radio), model)
