@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 import gridslam as gs
 from gridslam.inference.management.samples.arrival_places import (
+    DILUTION,
     TRIAL,
     borne_out,
     crossings,
@@ -99,6 +100,8 @@ def test_crossings_are_those_of_least_squares(seed):
         toward = (place - anchors) / np.linalg.norm(place - anchors, axis=1)[:, None]
         assert np.trace(np.linalg.inv(toward.T @ toward)) > 10.0  # a place known badly
         return
+    toward = (found[0] - anchors) / np.linalg.norm(found[0] - anchors, axis=1)[:, None]
+    assert np.trace(np.linalg.inv(toward.T @ toward)) < DILUTION**2 * (1 + 1e-9)
     misses = least_squares(lambda at: np.linalg.norm(anchors - at, axis=1) - length, found[0], xtol=1e-14).fun
     assert missed[0] == pytest.approx(np.sqrt(np.mean(misses**2)), abs=1e-3)
 
@@ -128,7 +131,8 @@ def test_arrivals_tell_place_and_velocity_after_so_many_looks(model):
     assert told.velocity_std_mps == pytest.approx(deviation)  # looks are 3 s apart
     assert sorted(told.three) == [0, 1, 2]
     assert place_told(looks(model, WAY[:-1]), model.anchor_positions, model, band) is None
-    resting = looks(model, WAY)
+    resting = looks(model, np.tile(WAY[:1], (LOOKS, 1)))
+    assert place_told(resting, model.anchor_positions, model, band) is not None
     resting[3:, 0] += 600.0  # nothing was recorded meanwhile
     assert place_told(resting, model.anchor_positions, model, band) is None
 

@@ -102,19 +102,18 @@ def crossings(anchors: Array, length_m: Array) -> tuple[Array, Array]:
         return np.zeros((0, 2)), np.zeros(0)
     square = (anchors**2).sum(1) - length_m**2
     place = np.linalg.solve(slope, (square[:, 1:] - square[:, :1])[..., None])[..., 0]
-    for _ in range(ITERATIONS):
+    for _ in range(ITERATIONS + 1):
         away = place[:, None] - anchors
         far = np.maximum(np.sqrt((away**2).sum(-1)), 1e-6)
         toward = away / far[..., None]
         normal = np.swapaxes(toward, 1, 2) @ toward
         if (np.linalg.det(normal) < 1e-9).any():
             return np.zeros((0, 2)), np.zeros(0)
-        pull = np.einsum("kji,kj->ki", toward, length_m - far)
-        place = place + np.linalg.solve(normal, pull[..., None])[..., 0]
+        at, gap = place, length_m - far
+        place = place + np.linalg.solve(normal, np.einsum("kji,kj->ki", toward, gap)[..., None])[..., 0]
     if (np.trace(np.linalg.inv(normal), axis1=1, axis2=2) > DILUTION**2).any():
         return np.zeros((0, 2)), np.zeros(0)
-    far = np.sqrt(((place[:, None] - anchors) ** 2).sum(-1))
-    return place, np.sqrt(((far - length_m) ** 2).mean(1))
+    return at, np.sqrt((gap**2).mean(1))
 
 
 def only_place(place: Array, anchors: Array, apart_m: float) -> bool:
