@@ -72,7 +72,7 @@ reason              said when                                   by              
 `CLOCK_CONTESTED`   lines of sight stand for another clock  `systems.network`                (M531)
                     of an agent, not enough to set it there yet
 `offset`, `height`, lines of sight don't cross                  `range_watch.RangeWatch`         (M262),
-`shifted`, `of_late`
+`shifted`, `of_late`                                                                             (M537)
 `offset`, `shifted` an anchor's line of sight has been longer   `sight_watch.SightWatch`         (M510)
 `of_late`           or shorter by the same of late, where the
                     place is known
