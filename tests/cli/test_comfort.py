@@ -233,7 +233,7 @@ def test_figures_are_drawn_in_other_formats_and_widths(say):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures")
-def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say):
+def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say, no_figures):
     scene = shortened(gs.Scene.load("room"), 60).with_filter(particles=64)
     measurements = gs.simulate(scene, "agent1", 12)
     Path("room.toml").write_text(scene.to_toml())

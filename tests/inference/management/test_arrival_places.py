@@ -250,7 +250,7 @@ def test_wrong_starts_are_mended_and_on_trial_until_borne_out():
     """Told 1.5 to 2 m wrong, and sure of it to decimetres: right within 20 steps."""
     heard = gs.simulate(room((0.0, 0.0)), "a", 3, what="signal")
     true = room((0.0, 0.0)).track("a").position_m
-    for off in ((1.5, 0.0), (0.0, -2.0), (-1.5, 1.0)):
+    for off in ((1.5, 0.0), (0.0, -2.0)):
         slam = gs.DirectSlam(room(off))
         errors, reasons = [], []
         for scan, place in zip(heard, true, strict=True):
