@@ -199,7 +199,7 @@ def state_at(model, place, spread=0.02, **changes):
 
 def test_a_place_that_arrivals_tell_is_neither_mirrored_nor_on_trial(model):
     band = band_of(model.waveform)
-    doubted = {"one_sided": np.array([1, 1, 2]), "found_again": True}
+    doubted = {"one_sided": np.array([1, 1, 0]), "found_again": True}
     right = borne_out(state_at(model, WAY[-1] + [0.1, 0.0], **doubted), model, band)
     assert not right.one_sided.any()
     assert not right.found_again
@@ -235,6 +235,14 @@ def test_reflections_off_one_wall_move_nobody_who_is_not_contradicted(model):
     sure, vague = (Population.of(replace(state_at(low, place, std), firsts=firsts)) for std in (0.1, 1.0))
     assert found_again(sure, False, low) is sure
     assert found_again(vague, False, low).best.found_again  # nothing that it knows speaks against it
+
+
+def test_looks_from_a_file_that_cannot_be_are_refused(model):
+    right = state_at(model, WAY[-1])
+    assert all(holds for _, holds, _ in right.claims(3))
+    for firsts in (right.firsts[::-1], -right.firsts, right.firsts[:, :3], right.firsts[:, 0]):
+        odd = replace(right, firsts=firsts)
+        assert {part for part, holds, _ in odd.claims(3) if not holds} == {"firsts"}
 
 
 def test_a_trial_ends_with_arrivals_or_after_a_time_of_being_well(model):

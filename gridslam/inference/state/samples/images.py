@@ -170,8 +170,8 @@ class DirectState:
     step, next_identity : int
     time_s : float or None
     one_sided : (J,) int64
-        1 where an anchor was in sight while both sides of it fitted, and no other has told since; 2 where its
-        distance was vague.
+        1 where an anchor was in sight, or its distance vague, while both sides of it fitted, and no other has
+        told since.
     firsts : (K, 1 + J)
         Time (s) of the latest looks at what arrives first, and its length (m) of each anchor; 0: nothing.
     found_again : bool
@@ -249,7 +249,7 @@ class DirectState:
         counts = (images.heard, images.intensity, tentative.heard, tentative.intensity, links.heard,
                   links.intensity, links.noise)  # fmt: skip
         owners = np.concatenate([images.anchor, rings.anchor])
-        mixture = rings.weight.shape
+        mixture, firsts = rings.weight.shape, np.atleast_2d(self.firsts)
         return [
             ("step", self.step >= 0, "0 or more"),
             ("belief/mean", self.belief.mean.shape == (MOVING + 2 * size,), "two entries for each image"),
@@ -265,8 +265,8 @@ class DirectState:
             ("links", all(len(getattr(links, f.name)) == anchors for f in fields(links)), "anchors' rows"),
             ("one_sided", len(self.one_sided) in (0, anchors), "anchors' rows"),
             ("firsts", self.firsts.shape[1:] == (1 + anchors,) or not self.firsts.size, "anchors' columns"),
-            ("firsts", bool((self.firsts[:, 1:] >= 0).all()), "lengths of 0 or more"),
-            ("firsts", bool((np.diff(self.firsts[:, :1], axis=0) > 0).all()), "times that rise"),
+            ("firsts", bool((firsts[:, 1:] >= 0).all()), "lengths of 0 or more"),
+            ("firsts", bool((np.diff(firsts[:, :1], axis=0) > 0).all()), "times that rise"),
             ("tentative", {len(getattr(rings, f.name)) for f in fields(rings)}
              == {len(tentative.intensity)} == {len(tentative.heard)}, "rows of one number"),
             ("tentative/rings", mixture[1:] == (BEARINGS,)
