@@ -83,18 +83,30 @@ class RunOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked(RunOptions):
-    """Options of `run`, and the scene as they leave it."""
+    """Options of `run`, and the scene as they leave it.
+
+    Attributes
+    ----------
+    instead_of : str or None
+        The method that was asked for, where `method` stands for it, since clocks aren't known.
+    """
 
     context: typer.Context
     world: Scene
+    instead_of: str | None = None
 
     @classmethod
     def of(cls, context: typer.Context, options: RunOptions, world: Scene) -> Self:
         """What was asked for in this context; a run that is gone on with stays in its folder."""
         if options.resume is not None:
             options = replace(options, output=options.resume)
+        from gridslam.systems.suited import clocked
+
         given = {f.name: getattr(options, f.name) for f in fields(options)}
-        return cls(context=context, world=world, **given)
+        asked = cls(context=context, world=world, **given)
+        names = options.agent or [agent.name for agent in world.agents]
+        method = str(clocked(options.method, world, names))
+        return asked if method == options.method else replace(asked, method=method, instead_of=options.method)
 
     @property
     def shown(self) -> bool:

@@ -33,7 +33,8 @@ err = Console(stderr=True)
 def run_network(asked: Asked) -> None:
     """Locate all agents at once, and write the run's folder.
 
-    Without measurements, what all agents hear is simulated, and nothing says whose it is.
+    Without measurements, what all agents hear is simulated, and nothing says whose it is, but for methods
+    that stand for others, which take labels.
     """
     from gridslam import runtime
 
@@ -49,7 +50,7 @@ def run_network(asked: Asked) -> None:
         prior, of_map = map_before(asked)
         with view_of(asked, heard.agents) as view:
             runtime.start(asked.device, asked.threads)
-            told = [*_notes_of_rows(asked, heard), *of_map, *_hints(asked, heard)]
+            told = [*_stand_in(asked), *_notes_of_rows(asked, heard), *of_map, *_hints(asked, heard)]
             tell([*place.notes, *told])
             resolved = {"agent": list(heard.agents), "particles": world.filter.particles, "start": how}
             earlier = unfinished(asked.context, place, world, method_class(asked.method), resolved)
@@ -75,6 +76,15 @@ def _refuse_contradictions(asked: Asked) -> None:
         raise InputError("--steps", found, "none: a table of fewer steps instead")
     if not recorded and asked.truth:
         raise InputError("--truth", asked.truth[0], "only together with --measurements")
+
+
+def _stand_in(asked: Asked) -> list[str]:
+    """Which method stands for the one that was asked for."""
+    if asked.instead_of is None:
+        return []
+    labels = "" if asked.measurements else "; labels are simulated, too (without: --method network)"
+    found = f"{asked.world.name}: clocks aren't known, so {asked.instead_of} is {asked.method}"
+    return [f"{found}, which finds them, of all agents at once{labels}"]
 
 
 def _notes_of_rows(asked: Asked, heard: NetworkMeasurements) -> list[str]:
@@ -157,7 +167,7 @@ def _network_observations(asked: Asked) -> tuple[NetworkMeasurements, NetworkTru
     world = asked.world
     if asked.measurements is None:
         names = asked.agent or [agent.name for agent in world.agents]
-        return simulate_network(world, names, asked.seed, unlabelled=True)
+        return simulate_network(world, names, asked.seed, unlabelled=asked.instead_of is None)
     return with_tracks(asked, recorded_network(world, asked.measurements, asked.agent)), None
 
 

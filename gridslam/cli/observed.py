@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def suited_method(method: str, world: Scene, names: list[str], files: Sequence[Path]) -> str:
-    """The method that stands for this one on signals of files, or of the scene: `registry.suited`.
+    """The method that stands for this one on signals of files, or of the scene: `systems.suited`.
 
     Raises
     ------
@@ -30,7 +30,7 @@ def suited_method(method: str, world: Scene, names: list[str], files: Sequence[P
         Some files are of single antennas, others of arrays.
     """
     from gridslam.measurements.recording import Recording
-    from gridslam.systems.registry import suited
+    from gridslam.systems.suited import suited
 
     of_one_kind = method in METHODS and METHODS[method].antennas != "any"
     if not of_one_kind or (not files and world.radio.frequencies is None):

@@ -21,8 +21,9 @@ from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
-from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, suited, taken_by
+from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, taken_by
 from gridslam.systems.slam import Slam, built, stepped
+from gridslam.systems.suited import clocked, suited
 from gridslam.world.columns import require_distances, require_within
 from gridslam.world.geometry import wrap
 from gridslam.world.network_scene import longest_m
@@ -59,7 +60,8 @@ def map_scene(
     method : str or class
         One of `gridslam.systems.registry.METHODS` ("grid" and others), a class of your own (`Slam` says what
         it needs), "package.module:Class", or the name of an entry point of the group "gridslam.methods".
-        "direct" is "direct_grid" where the samples are those of arrays.
+        "direct" is "direct_grid" where the samples are those of arrays; "grid" and "adaptive" are
+        "network_grid" and "network" where the scene's clocks aren't known.
     agent : str, optional
         Default: the scene's first.
     seed : int
@@ -98,11 +100,12 @@ def map_scene(
     require_scene(scene)
     waveform = measurements.waveform if isinstance(measurements, Recording) else None
     method = suited(method, waveform)
-    found = method_class(method)
     if particles is not None:
         scene = scene.with_filter(particles=particles)
     if agent is None and not scene.agents:
         raise InputError(f"{scene.name}: agents", "none", "at least one, to say where it starts")
+    method = clocked(method, scene, [agent or scene.agents[0].name])
+    found = method_class(method)
     require_kind(measurements, taken_by(found), method_name(method))
     check_anchors(scene, measurements)
     if isinstance(measurements, Measurements) and method_name(method) in METHODS:  # others may do without

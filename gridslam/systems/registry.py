@@ -18,7 +18,6 @@ from gridslam.errors import InputError
 if TYPE_CHECKING:
     from gridslam.systems.slam import Slam
     from gridslam.world.observation import Kind
-    from gridslam.world.waveform import Waveform
 
 Antennas = Literal["single antennas", "arrays", "any"]
 GROUP = "gridslam.methods"
@@ -208,12 +207,6 @@ _ENTERED = (
 METHODS = {entry.name: entry for entry in _ENTERED}
 """Ours, by name."""
 DEFAULT = "grid"
-
-
-def suited(method: str | type, waveform: Waveform | None) -> str | type:
-    """The method that stands for another one on these signals: `direct` is `direct_grid` on arrays."""
-    arrays = waveform is not None and max(waveform.shape[1:3]) > 1
-    return "direct_grid" if method == "direct" and arrays else method
 
 
 def method_help(more: str = "") -> str:

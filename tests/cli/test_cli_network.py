@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from interrupted_runs import killed, same_runs
+from scene_samples import short
 
 import gridslam as gs
 from gridslam.runs.network_files import read_clocks
@@ -30,6 +31,12 @@ def short_exchange(tmp_path, monkeypatch):
     scene = gs.Scene.checked(whole, "short")
     (tmp_path / "short.toml").write_text(scene.to_toml())
     return "short.toml"
+
+
+def with_known_clocks(scene):
+    """The same scene with clocks that are right, and lengths of paths for distances."""
+    radio = scene.radio.model_copy(update={"window_m": None})
+    return scene.model_copy(update={"clocks": None, "radio": radio})
 
 
 @pytest.mark.slow
@@ -56,6 +63,36 @@ def test_a_run_of_all_agents_writes_tracks_clocks_and_figures(say, short_exchang
     assert say("plot", "all", "--format", "svg", "--width", "8.8").code == 0
     again = {path.stem for path in (tmp_path / "all" / "figures").glob("*.svg")}
     assert again == {path.removesuffix(".png") for path in drawn}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+def test_grid_slam_is_network_grid_slam_where_clocks_are_not_known(say, short_exchange, tmp_path):
+    result = say("run", short_exchange, "--agent", "agent1", "--seed", "2", "-o", "one")
+    assert result.code == 0, result.err
+    assert "note: exchange: clocks aren't known, so grid is network_grid, which finds them" in result.err
+    summary = json.loads((tmp_path / "one" / "run.json").read_text())
+    assert summary["method"] == "network_grid"
+    assert (tmp_path / "one" / "clocks.csv").exists()
+    with h5py.File(tmp_path / "one" / "agent1" / "measurements.h5") as file:
+        assert (file["measurements/anchor"][:] >= 0).all()
+    heard = say("run", short_exchange, "--measurements", "one/agent1/measurements.h5", "-o", "two")
+    assert heard.code == 0, heard.err
+    assert "labels are simulated" not in heard.err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("asked", "stands"), [("grid", "network_grid"), ("adaptive", "network")])
+def test_from_python_too(short_exchange, asked, stands):
+    scene = gs.Scene.load(short_exchange)
+    heard = gs.simulate(scene, "agent1", 3)
+    run, same = (gs.map_scene(scene, heard, name, seed=3) for name in (asked, stands))
+    assert run.method == same.method == stands
+    assert run.trajectory.position_m.tolist() == same.trajectory.position_m.tolist()
+    known = with_known_clocks(scene)
+    assert gs.map_scene(known, gs.simulate(known, "agent1", 3), asked, seed=3).method == asked
+    with pytest.raises(gs.InputError, match="clocks that aren't known"):
+        gs.map_scene(scene, heard, "va")
 
 
 @pytest.mark.slow
@@ -105,9 +142,10 @@ def test_what_does_not_fit_several_agents_is_refused(say, short_exchange, tmp_pa
     run = "run", short_exchange, "--method", "network"
     assert "which takes path measurements" in say(*run, "--signal", "z.h5").err
     assert "'agent1' twice" in say(*run, "--agent", "agent1", "--agent", "agent1").err
-    scene = gs.Scene.load(tmp_path / short_exchange)
-    gs.simulate(scene, ["agent1", "agent2"], unlabelled=True).to_h5(tmp_path / "heard.h5")
-    result = say("run", short_exchange, "--method", "adaptive", "--measurements", "heard.h5", "-o", "out")
+    street = short("canyon", 2)  # whose clocks are known
+    (tmp_path / "street.toml").write_text(street.to_toml())
+    gs.simulate(street, ["agent1", "agent2"], unlabelled=True).to_h5(tmp_path / "heard.h5")
+    result = say("run", "street.toml", "--method", "adaptive", "--measurements", "heard.h5", "-o", "out")
     assert (result.code, "2 agents" in result.err) == (2, True)
 
 

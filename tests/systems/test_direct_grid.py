@@ -9,7 +9,7 @@ from map_samples import of_another_run
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.systems import values
-from gridslam.systems.registry import suited
+from gridslam.systems.suited import suited
 from gridslam.world.radio import REFLECTION_BINS
 
 STEPS = 40

@@ -150,7 +150,7 @@ class HealthMonitor:
 
     def found_again(self) -> Self:
         """The agent was found by other means than following it."""
-        return replace(self, since=0, lost=0)
+        return replace(self, since=0, lost=0, look=FreshLook())
 
     def leapt(self, metres: float) -> Self:
         """The agent is taken to be elsewhere, so far from where its motion led; 0 if it may have led there.
@@ -163,7 +163,7 @@ class HealthMonitor:
 
     def judged(self, well: bool) -> Self:
         """Health was well at this step, or wasn't."""
-        return replace(self, since_well=0) if well else self
+        return replace(self, since_well=0) if well else replace(self, look=self.look.doubted())
 
     @property
     def distrusted(self) -> bool:

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from scene_samples import short
 
 import gridslam as gs
@@ -13,6 +15,7 @@ from gridslam.inference.state.network.clock_search import ClockSearch
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.network_grid import NetworkGridSlam
 from gridslam.world.clocks import ClockModel
+from gridslam.world.geometry import mirror, wrap
 
 AGENTS = ["agent1", "agent2"]
 OFF_M = np.array([2.0, 5.0])
@@ -32,10 +35,12 @@ def hall(request):
 
 
 def carried(state, agents):
-    """The state with some agents believed in at another place, as surely as before."""
+    """The state with some agents believed in at another place, as surely as before, and something unwell."""
     mean = state.belief.mean.copy()
     for agent in agents:
         mean[state.belief.layout.pose(agent).start + np.arange(2)] += OFF_M
+    for agent, record in enumerate(state.records):
+        state = state.recorded(agent, record.monitor.judged(well=False))
     return replace(state, belief=replace(state.belief, mean=mean), step=EVERY)
 
 
@@ -99,3 +104,61 @@ def test_looks_call_once_they_agree_in_a_row():
     assert look.called
     assert not look.elsewhere(60.0, 0.2 + 1.1 * TOGETHER_M, 2.0).called
     assert not look.here().called
+
+
+def test_a_place_that_was_borne_out_and_all_well_since_is_not_doubted(hall):
+    slam, scan, _ = hall
+    assert all(record.monitor.look.borne_out for record in slam.state.records)
+    mean = carried(slam.state, range(2)).belief.mean
+    state = replace(slam.state, belief=replace(slam.state.belief, mean=mean))
+    after = looked(slam, state, scan)
+    assert after.belief is state.belief
+    assert not any(record.monitor.look.agreed for record in after.records)
+    record = after.records[0].monitor.judged(well=False)
+    assert not record.look.borne_out
+    assert not slam.state.records[0].monitor.found_again().look.borne_out
+
+
+@pytest.mark.parametrize(
+    ("place", "called"),
+    [
+        ((0.0, -6.05), False),  # between the anchors, in their line
+        ((-1.0, -3.0), True),
+        ((2.0, 4.0), True),
+        ((0.5, -5.0), False),  # 14 degrees beside it
+    ],
+)
+def test_two_anchors_in_one_line_may_be_seen_over_one_mirror(hall, place, called):
+    """What two anchors send over a wall looks like lines of sight from behind it if they are in line."""
+    slam, _, _ = hall
+    model, pose = slam.model.agents[0], np.array([*place, 0.4])
+    anchors = np.array([0, 1])
+    toward = model.places[anchors, :2] - pose[:2]
+    distance, back = np.hypot(*toward.T), np.arctan2(*toward.T[::-1])
+    radio = model.radio
+    heard = gs.Scan(
+        EVERY, float(EVERY), anchors, distance, wrap(back + np.pi - model.places[anchors, 2]),
+        wrap(back - pose[2]), np.asarray(radio.amplitude(distance, 1.0)),
+    )  # fmt: skip
+    state = carried(slam.state, range(1))
+    scans = [heard, None]
+    for number in range(AGREED - 1):  # one fewer: nothing begins anew
+        state = look_afresh(replace(state, step=EVERY + number), scans, slam.model, slam.work)
+    assert state.records[0].monitor.look.agreed == (AGREED - 1 if called else 0)
+
+
+@given(
+    wall=st.tuples(st.floats(-np.pi, np.pi), st.floats(-20.0, 20.0)),
+    pose=st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-np.pi, np.pi)),
+    anchors=st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=2, max_size=2),
+)
+def test_headings_told_over_a_mirror_differ_by_twice_the_angle_between_anchors(wall, pose, anchors):
+    """(M546): read as a line of sight, what comes over a wall tells another heading for each direction."""
+    place, heading = np.array(pose[:2]), pose[2]
+    line, mirrored, each = np.array(wall), mirror(np.array(wall), np.array(pose[:2])), np.array(anchors)
+    images = np.array([mirror(line, anchor) for anchor in each])
+    assume(np.linalg.norm(images - place, axis=1).min() > 0.1)
+    arrival = np.arctan2(*(images - place).T[::-1]) - heading  # as measured
+    seen = np.arctan2(*(each - mirrored).T[::-1])  # towards the anchors, from where the agent seems to be
+    told = seen - arrival
+    assert abs(wrap(told[1] - told[0] - 2 * (seen[1] - seen[0]))) < 1e-9

@@ -28,6 +28,5 @@ def watched_sights(
         early = KEEP * early + (1 - KEEP) * now
     if early > EARLY:
         info = info.doubted(reasons.early(early))
-    if early != part.monitor.early:
-        part = replace(part, monitor=replace(part.monitor, early=early))
-    return part, info
+    monitor = replace(part.monitor, early=early).judged(info.health.ok)
+    return (part if monitor == part.monitor else replace(part, monitor=monitor)), info

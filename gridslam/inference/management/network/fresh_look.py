@@ -2,17 +2,20 @@
 
 A world in which poses, clocks and walls are wrong together fits itself, and no innovation tells. Lines of
 sight do, once two anchors are in sight: their angles and amplitudes make a pose that owes nothing to map or
-clocks. docs/model.md, (M492).
+clocks. But what comes over one wall from anchors that lie in one line looks just so, (M546), and who was
+followed well from a place that lines of sight have borne out isn't elsewhere all at once.
+docs/model.md, (M492), (M546).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.health.fresh_look import BEYOND_ONE
+from gridslam.inference.health.fresh_look import ANOTHER, BEYOND_ONE
 from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.management.network.recovery import FLOOR, Beacons, log_likelihood, placed_at
 from gridslam.inference.management.poses.pose_fix import COPIES, POSE, Fix, best_pose
@@ -36,6 +39,39 @@ IN_SIGHT, UNKNOWN_M2 = 0.5, 1e4
 """Chance of a line of sight; variance of a clock of which nothing is believed."""
 FAINTEST = 1.0
 """Amplitude below which none tells a distance."""
+IN_LINE_RAD = np.radians(20.0)
+"""Angle between two directions, up to which a mirror shows both anchors with nearly one heading, (M546)."""
+
+
+class Look(NamedTuple):
+    """What lines of sight alone say at a step.
+
+    Attributes
+    ----------
+    fix : Fix
+        The best pose by them.
+    square : float
+        Its squared distance from the believed one, in deviations.
+    nats : float
+        Its log likelihood, above that of clutter alone.
+    aside : float
+        What of it remains without all anchors that may be seen over one mirror.
+    """
+
+    fix: Fix
+    square: float
+    nats: float
+    aside: float
+
+    @property
+    def here(self) -> bool:
+        """Whether it is where the agent is believed to be."""
+        return self.square < BELIEVED**2
+
+    @property
+    def tells(self) -> bool:
+        """Whether it takes several lines of sight, which no mirror shows together."""
+        return self.nats >= BEYOND_ONE and self.aside >= ANOTHER
 
 
 def look_afresh(
@@ -57,12 +93,12 @@ def look_afresh(
         if len(scan) and (state.step % EVERY == 0 or look.agreed):
             found = _looked(state, agent, scan, model.agents[agent], work=works[agent])
             if found is not None:
-                fix, square, nats = found
-                if square < BELIEVED**2 or min(fix.gain, nats) < BEYOND_ONE:
-                    look = look.here()
-                else:
+                fix = found.fix
+                if found.tells and not found.here and fix.gain >= BEYOND_ONE and not look.borne_out:
                     look = look.elsewhere(fix.gain, float(fix.pose[0]), float(fix.pose[1]))
                     fixes[agent] = fix
+                else:
+                    look = look.here(found.tells and found.here)
         state = state.recorded(agent, replace(record.monitor, look=look))
     here = [agent for agent, scan in enumerate(scans) if scan is not None]
     if state.clocks.framed:  # with no clock to go by, a look is right too seldom to act upon: health tells
@@ -89,14 +125,14 @@ def begun_anew(state: NetworkState, fixes: dict[int, Fix], model: NetworkModel) 
 @timed("recovery")
 def _looked(
     state: NetworkState, agent: int, scan: Scan, model: FilterModel, *, work: Workspace
-) -> tuple[Fix, float, float] | None:  # fmt: skip
-    """The best pose by lines of sight alone, its squared distance from the believed one, and its nats."""
+) -> Look | None:  # fmt: skip
+    """The best pose by lines of sight alone; None where nothing proposes any."""
     heard, part = work.once(whole_scan, scan, model), state.part(agent)
     radio, beacons = part.calibration.tuned(model.radio, 0), lines_of_sight(model)
     table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, PURPOSE])
 
-    def likelihood(poses: Array) -> Array:
-        return log_likelihood(poses, beacons, heard, table, radio)
+    def likelihood(poses: Array, senders: Beacons = beacons) -> Array:
+        return log_likelihood(poses, senders, heard, table, radio)
 
     asked = sighted_poses(beacons, heard, radio, draw)
     asked = asked[model.grid.holds(asked[:, :2])]
@@ -104,10 +140,22 @@ def _looked(
     if fix is None:
         return None
     nats = float(likelihood(fix.pose[None])[0])
+    alone = max(float(likelihood(fix.pose[None], own)[0]) for own in in_line(beacons, fix.pose[:2]))
     gap = fix.pose - part.belief.mean[POSE]
     gap[2] = wrap(gap[2])
     own = part.belief.covariance[np.ix_(POSE, POSE)] + fix.covariance + FLOOR
-    return fix, float(gap @ np.linalg.solve(own, gap)), nats
+    return Look(fix, float(gap @ np.linalg.solve(own, gap)), nats, nats - alone)
+
+
+def in_line(beacons: Beacons, place: Array) -> list[Beacons]:
+    """For each anchor those that lie nearly in one line with it and a place (2,), on either side of it.
+
+    A mirror turns what is seen over it the other way round, and each anchor then tells another heading, but
+    for those that lie in one line, (M546).
+    """
+    toward = np.arctan2(*(beacons.place[:, :2] - place).T[::-1])
+    apart = np.abs(wrap(2 * (toward[:, None] - toward)))  # twice: on either side
+    return [beacons.only(own) for own in apart < 2 * IN_LINE_RAD]
 
 
 def lines_of_sight(model: FilterModel) -> Beacons:

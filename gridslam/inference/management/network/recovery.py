@@ -7,7 +7,7 @@ much longer as that clock is believed to be ahead of the agent's.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +97,10 @@ class Beacons:
 
     def __len__(self) -> int:
         return len(self.anchor)
+
+    def only(self, keep: NDArray[np.bool_]) -> Beacons:
+        """Some of them, (L,) bool."""
+        return Beacons(**{field.name: getattr(self, field.name)[keep] for field in fields(self)})
 
     @property
     def straight(self) -> NDArray[np.bool_]:
