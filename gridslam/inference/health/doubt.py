@@ -95,15 +95,18 @@ class Doubt:
         doubted = self.elsewhere > ELSEWHERE or self.surplus > 0
         return loud > 0 and (doubted or evidence < ASKED_EVIDENCE * loud)
 
-    def compared(self, evidence: float, best: float, here: float, loud: float, due: bool = True) -> Self:
+    def compared(
+        self, evidence: float, best: float, here: float, mirrored: float, loud: float, due: bool = True
+    ) -> Self:
         """Take in a comparison.
 
         Parameters
         ----------
         evidence : float
             Of the likeliest hypothesis at this step, nats.
-        best, here : float
-            Scores by the scan alone of the best pose, and of the best near the believed one, nats.
+        best, here, mirrored : float
+            Scores by the scan alone of the best pose, and of the best near the believed one, nats, and what
+            one mirror may add to a line of sight's part in the best.
         loud : float
             Loud measurements of the scan.
         due : bool
@@ -113,7 +116,7 @@ class Doubt:
         hardly, elsewhere = evidence < LOW_EVIDENCE * loud, self.elsewhere
         if due or hardly or elsewhere > ELSEWHERE:
             alone = ONE_UNEXPLAINED if hardly else ONE_ALONE
-            elsewhere = FADING * elsewhere + max(best - here - alone, 0.0)
+            elsewhere = FADING * elsewhere + max(best - mirrored - here - alone, 0.0)
         rival = best > here  # one that stands where the agent is believed to be bears that out
         gain = best - evidence - BY_CHANCE
         after = replace(
@@ -126,9 +129,9 @@ class Doubt:
             after = replace(after, lead=lead, loud=KEEP * self.loud + rival * loud)
         return after._raised_since(self)
 
-    def scored(self, best: float, here: float) -> Self:
-        """Take in the best scores of a scan elsewhere and here, where no evidence says more; (M522)."""
-        beyond = max(best - here - ONE_ALONE, 0.0)
+    def scored(self, best: float, here: float, mirrored: float) -> Self:
+        """Take in scores as of `compared`, where no evidence says more; (M522)."""
+        beyond = max(best - mirrored - here - ONE_ALONE, 0.0)
         return replace(self, elsewhere=FADING * self.elsewhere + beyond)._raised_since(self)
 
     def _raised_since(self, before: Doubt) -> Self:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from gridslam.inference.health.monitor import SILENT, SWAMPED
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.free_turn import ANY
 from gridslam.inference.management.mixture import poses, together
+from gridslam.inference.management.poses.one_mirror import shown_together
 from gridslam.inference.management.poses.pose_fix import Sources, known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, freed, leap
 from gridslam.inference.management.poses.pose_score import Snapshot
@@ -61,24 +63,45 @@ def snapshot_of(
     return Snapshot.of(scans, radios, model, known)
 
 
-def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> tuple[float, float]:
-    """Scores by one scan alone of about the best pose, and of the best about where it is believed to be.
+class Comparison(NamedTuple):
+    """Scores of poses by one scan alone, nats.
 
-    Tried are lines of sight, and that place.
+    Attributes
+    ----------
+    best : float
+        Of about the best pose.
+    here : float
+        Of the best about where the agent is believed to be.
+    mirrored : float
+        What one mirror may add to a line of sight's part in the best.
     """
+
+    best: float
+    here: float
+    mirrored: float = 0.0
+
+
+def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> Comparison:
+    """What one scan alone says of the believed pose (3,), and of others: lines of sight are tried."""
     asked = [believed[None], *(line_of_sight_poses(terms, draw, COPIES, 24) for terms in snapshot.terms)]
     poses = np.concatenate(asked)
     log = snapshot.score(poses, 2.0)
     top = poses[int(log.argmax())]
-    here, there = refined(snapshot, np.array([believed, top]), draw).tolist()
+    refined_poses, scores = refined(snapshot, np.array([believed, top]), draw)
+    here, there = scores.tolist()
     best = max(here, there)
     x, y, turn = top - believed
     # beside an anchor a few millimetres decide, which looks about the believed pose miss
-    return best, best if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD else here
+    if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD:
+        return Comparison(best, best)
+    there_pose = refined_poses[1]
+    each = np.array([terms.score(there_pose[None], 1.0)[0] for terms in snapshot.terms])
+    anchors = np.array([terms.position for terms in snapshot.terms])
+    return Comparison(best, here, shown_together(anchors, there_pose[:2], each))
 
 
-def refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> Array:
-    """Scores (K,) of about the best poses near each of some (K, 3)."""
+def refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> tuple[Array, Array]:
+    """About the best poses near each of some (K, 3), and their scores (K,)."""
     count, std = len(pose), np.array([0.08, 0.08, 0.04])
     drawn, scores = draw.standard_normal((count, ROUNDS, DRAWN, 3)), list[Array]()
     for k in range(ROUNDS):
@@ -87,7 +110,7 @@ def refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> Array
         score = snapshot.score(tried.reshape(-1, 3)).reshape(count, DRAWN)
         pose, std = tried[np.arange(count), score.argmax(1)], 0.4 * std
         scores.append(score.max(1))
-    return np.max(scores, 0)
+    return pose, np.max(scores, 0)
 
 
 def watched(
@@ -120,10 +143,10 @@ def _compared(
     if not (compares or watch.unproven):
         return watch
     draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
-    best, here = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
+    found = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
     if watch.unproven:
-        watch = watch.tried(evidence() - best, loud)
-    return watch.compared(evidence(), best, here, loud, due) if compares else watch
+        watch = watch.tried(evidence() - found.best, loud)
+    return watch.compared(evidence(), *found, loud, due) if compares else watch
 
 
 def loud_of(scans: SplitScan, model: FilterModel) -> float:

@@ -44,6 +44,7 @@ from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.simulation.image_source import simulate_labelled, true_paths
 from gridslam.systems.grid import GridSlam, start
+from gridslam.world.geometry import wrap
 from gridslam.world.start import Start
 
 NAMES = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
@@ -82,11 +83,11 @@ def test_the_best_snapshot_is_about_what_the_true_pose_scores(scene, scans):
         true = np.array([*track.position_m[step], track.heading_rad[step]])
         far = np.array([3.0, 2.5, 2.0])
         score = snapshot.score(np.stack([true, far]))
-        best, there = best_snapshot(snapshot, far, np.random.default_rng(1))
+        best, there, _ = best_snapshot(snapshot, far, np.random.default_rng(1))
         assert best - there > 30
         assert score[1] < score[0] - 30
         assert score[0] - 4 < best < score[0] + 20
-        best, here = best_snapshot(snapshot, true, np.random.default_rng(1))
+        best, here, _ = best_snapshot(snapshot, true, np.random.default_rng(1))
         assert here >= score[0]
         assert best - here < 1
 
@@ -94,7 +95,9 @@ def test_the_best_snapshot_is_about_what_the_true_pose_scores(scene, scans):
 def test_a_right_world_leads_a_fresh_start_and_is_well(mapped, scans):
     slam, leads = mapped
     split, believed = split_by_anchor(scans[19], slam.model), slam.state.belief.mean[POSE]
-    best, here = best_snapshot(snapshot_of(split, slam.state, slam.model), believed, np.random.default_rng(1))
+    best, here, _ = best_snapshot(
+        snapshot_of(split, slam.state, slam.model), believed, np.random.default_rng(1)
+    )
     assert slam.info.log_evidence > best + 1.5 * LOW_LEAD * loud_of(split, slam.model)
     assert best == here
     assert not any(watch.loud for watch in leads), "a fresh start where the agent is believed is no rival"
@@ -114,7 +117,7 @@ def test_a_right_world_without_amplitudes_is_well_and_a_wrong_one_is_not(scene):
     split = split_by_anchor(scans[20], slam.model)
     count = len(split.whole) - 2 * scene.radio.false_alarms
     assert loud_of(split, slam.model) == pytest.approx(WITHOUT_AMPLITUDE * count)
-    wrong = leads[-1].compared(30.0, 29.0, 28.0, loud_of(split, slam.model))
+    wrong = leads[-1].compared(30.0, 29.0, 28.0, 0.0, loud_of(split, slam.model))
     assert "fresh start" in replace(wrong, lead=1.0 * wrong.loud).reasons()[0]
 
 
@@ -281,21 +284,42 @@ def test_a_step_that_is_hardly_explained_is_compared_at_once(mapped, scans):
         assert (watch.lead, watch.loud) == (0.0, 0.0), "of wrong steps alone it would say too little"
 
 
+@pytest.mark.parametrize(("place", "alike"), [((-0.4, 0.1), True), ((2.0, 1.5), False)])
+def test_a_scan_that_one_mirror_shows_is_told_from_one_that_it_does_not(mapped, place, alike):
+    """Two lines of sight without amplitudes, from between the anchors or from beside them."""
+    slam, _ = mapped
+    toward = slam.model.places[:2, :2] - place
+    back, distance = np.arctan2(*toward.T[::-1]), np.hypot(*toward.T)
+    leaving = wrap(back + np.pi - slam.model.places[:2, 2])
+    heard = gs.Scan(40, 40.0, np.arange(2), distance, leaving, wrap(back - 0.3), np.full(2, np.nan))
+    snapshot = snapshot_of(split_by_anchor(heard, slam.model), slam.state, slam.model)
+    best, here, mirrored = best_snapshot(snapshot, np.array([-2.5, -2.0, 2.0]), np.random.default_rng(1))
+    assert best - here > 18
+    assert (mirrored > 8) == alike
+    assert bool(Doubt().compared(1e3, best, here, mirrored, 2.0).elsewhere) != alike
+
+
 def test_what_is_hardly_explained_counts_for_more_by_hand():
-    well, badly = (Doubt().compared(worth, 30.0, 12.0, 2.0) for worth in (20.0, 19.9))
-    assert Doubt().compared(20.0, 30.0, 12.0, 2.0, False).elsewhere == 0.0, "every tenth step is asked"
+    well, badly = (Doubt().compared(worth, 30.0, 12.0, 0.0, 2.0) for worth in (20.0, 19.9))
+    assert Doubt().compared(20.0, 30.0, 12.0, 0.0, 2.0, False).elsewhere == 0.0, "every tenth step is asked"
     assert (well.elsewhere, badly.elsewhere) == (30 - 12 - ONE_ALONE, 30 - 12 - ONE_UNEXPLAINED)
     assert (well.raised, badly.raised) == (False, True)
     assert not Doubt().is_urgent(0.0, 0.0)
     assert badly.is_urgent(1e3, 1.0), "until the place isn't called wrong any more"
     later = badly.followed(0.0, 1)
     assert (later.raised, later.doubtful) == (False, DOUBT_STEPS - 1)
-    again = later.compared(0.0, 30.0, 12.0, 2.0, False)
+    again = later.compared(0.0, 30.0, 12.0, 0.0, 2.0, False)
     assert again.elsewhere == FADING * badly.elsewhere + 30 - 12 - ONE_UNEXPLAINED
     assert not again.raised, "it was called wrong before"
-    assert not badly.compared(1e3, 12.0, 12.0, 2.0, False).reasons(), "found again, it is well at once"
-    assert Doubt().compared(0.0, 1.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
-    assert not Doubt().compared(0.0, 1.0, 1.0, 9.0).raised, "where it stands is the believed place"
+    assert not badly.compared(1e3, 12.0, 12.0, 0.0, 2.0, False).reasons(), "found again, it is well at once"
+    assert Doubt().compared(0.0, 1.0, 0.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
+    assert not Doubt().compared(0.0, 1.0, 1.0, 0.0, 9.0).raised, "where it stands is the believed place"
+
+
+def test_what_one_mirror_may_show_does_not_count_by_hand():
+    both = Doubt().compared(1e3, 40.0, 0.0, 18.0, 2.0)
+    assert both.elsewhere == 40.0 - 18.0 - ONE_ALONE
+    assert Doubt().scored(40.0, 0.0, 18.0).elsewhere == both.elsewhere
 
 
 def test_steps_that_fit_better_elsewhere_add_up_by_hand():
@@ -303,18 +327,18 @@ def test_steps_that_fit_better_elsewhere_add_up_by_hand():
     evidence, better = 45.0, BY_CHANCE + 0.4 * SURPLUS
     doubt = Doubt()
     for count in (1, 2):
-        doubt = doubt.compared(evidence, evidence + better, evidence, 2.0, False)
+        doubt = doubt.compared(evidence, evidence + better, evidence, 0.0, 2.0, False)
         assert doubt.surplus == pytest.approx(0.4 * SURPLUS * count)
         assert not doubt.reasons()
         assert doubt.is_urgent(1e3, 1.0), "until the sum is gone"
-    third = doubt.compared(evidence, evidence + better, evidence, 2.0, False)
+    third = doubt.compared(evidence, evidence + better, evidence, 0.0, 2.0, False)
     assert third.raised
     assert "fits another place better, by 18 nats" in third.reasons()[0]
-    here = doubt.compared(evidence, evidence + better, evidence + better, 2.0, False)
+    here = doubt.compared(evidence, evidence + better, evidence + better, 0.0, 2.0, False)
     assert here.surplus == doubt.surplus, "a fresh start that stands at the believed place is no rival"
-    lower = third.compared(evidence, evidence - 1.0, evidence - 1.0, 2.0, False)
+    lower = third.compared(evidence, evidence - 1.0, evidence - 1.0, 0.0, 2.0, False)
     assert lower.surplus == pytest.approx(third.surplus - BY_CHANCE - 1.0)
-    assert third.compared(evidence, 10.0, 10.0, 2.0, False).surplus == 0.0
+    assert third.compared(evidence, 10.0, 10.0, 0.0, 2.0, False).surplus == 0.0
 
 
 def test_places_are_hypotheses_that_count_and_stand_apart():
@@ -337,7 +361,7 @@ def test_a_start_of_too_many_places_is_borne_out_by_evidence_alone():
     crowd = int(2 * PROOF_LOUD)
     assert doubt.tried(enough + 1, crowd).unproven, "each loud measurement has to say it"
     assert not doubt.tried(PROOF_LEAD * crowd, crowd).unproven
-    assert Doubt(turnable=True).compared(1e3, 0.0, 0.0, 9).doubtful == 0, "no other place would tell"
+    assert Doubt(turnable=True).compared(1e3, 0.0, 0.0, 0.0, 9).doubtful == 0, "no other place would tell"
     against = doubt.tried(enough - 1, 3).tried(-enough, 2)
     assert (against.borne, against.counted, against.unproven) == (0.0, 0.0, True)
     assert against.tried(enough - 1, 2).unproven, "what was said before is gone"

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
-from hypothesis import strategies as st
 from scene_samples import short
 
 import gridslam as gs
@@ -15,7 +13,7 @@ from gridslam.inference.state.network.clock_search import ClockSearch
 from gridslam.systems.network import NetworkSlam
 from gridslam.systems.network_grid import NetworkGridSlam
 from gridslam.world.clocks import ClockModel
-from gridslam.world.geometry import mirror, wrap
+from gridslam.world.geometry import wrap
 
 AGENTS = ["agent1", "agent2"]
 OFF_M = np.array([2.0, 5.0])
@@ -145,20 +143,3 @@ def test_two_anchors_in_one_line_may_be_seen_over_one_mirror(hall, place, called
     for number in range(AGREED - 1):  # one fewer: nothing begins anew
         state = look_afresh(replace(state, step=EVERY + number), scans, slam.model, slam.work)
     assert state.records[0].monitor.look.agreed == (AGREED - 1 if called else 0)
-
-
-@given(
-    wall=st.tuples(st.floats(-np.pi, np.pi), st.floats(-20.0, 20.0)),
-    pose=st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-np.pi, np.pi)),
-    anchors=st.lists(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)), min_size=2, max_size=2),
-)
-def test_headings_told_over_a_mirror_differ_by_twice_the_angle_between_anchors(wall, pose, anchors):
-    """(M546): read as a line of sight, what comes over a wall tells another heading for each direction."""
-    place, heading = np.array(pose[:2]), pose[2]
-    line, mirrored, each = np.array(wall), mirror(np.array(wall), np.array(pose[:2])), np.array(anchors)
-    images = np.array([mirror(line, anchor) for anchor in each])
-    assume(np.linalg.norm(images - place, axis=1).min() > 0.1)
-    arrival = np.arctan2(*(images - place).T[::-1]) - heading  # as measured
-    seen = np.arctan2(*(each - mirrored).T[::-1])  # towards the anchors, from where the agent seems to be
-    told = seen - arrival
-    assert abs(wrap(told[1] - told[0] - 2 * (seen[1] - seen[0]))) < 1e-9

@@ -18,6 +18,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.health.fresh_look import ANOTHER, BEYOND_ONE
 from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.management.network.recovery import FLOOR, Beacons, log_likelihood, placed_at
+from gridslam.inference.management.poses.one_mirror import in_line
 from gridslam.inference.management.poses.pose_fix import COPIES, POSE, Fix, best_pose
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_scan
@@ -39,8 +40,6 @@ IN_SIGHT, UNKNOWN_M2 = 0.5, 1e4
 """Chance of a line of sight; variance of a clock of which nothing is believed."""
 FAINTEST = 1.0
 """Amplitude below which none tells a distance."""
-IN_LINE_RAD = np.radians(20.0)
-"""Angle between two directions, up to which a mirror shows both anchors with nearly one heading, (M546)."""
 
 
 class Look(NamedTuple):
@@ -140,22 +139,12 @@ def _looked(
     if fix is None:
         return None
     nats = float(likelihood(fix.pose[None])[0])
-    alone = max(float(likelihood(fix.pose[None], own)[0]) for own in in_line(beacons, fix.pose[:2]))
+    lines = in_line(beacons.place[:, :2], fix.pose[:2])
+    alone = max(float(likelihood(fix.pose[None], beacons.only(own))[0]) for own in lines)
     gap = fix.pose - part.belief.mean[POSE]
     gap[2] = wrap(gap[2])
     own = part.belief.covariance[np.ix_(POSE, POSE)] + fix.covariance + FLOOR
     return Look(fix, float(gap @ np.linalg.solve(own, gap)), nats, nats - alone)
-
-
-def in_line(beacons: Beacons, place: Array) -> list[Beacons]:
-    """For each anchor those that lie nearly in one line with it and a place (2,), on either side of it.
-
-    A mirror turns what is seen over it the other way round, and each anchor then tells another heading, but
-    for those that lie in one line, (M546).
-    """
-    toward = np.arctan2(*(beacons.place[:, :2] - place).T[::-1])
-    apart = np.abs(wrap(2 * (toward[:, None] - toward)))  # twice: on either side
-    return [beacons.only(own) for own in apart < 2 * IN_LINE_RAD]
 
 
 def lines_of_sight(model: FilterModel) -> Beacons:

@@ -67,9 +67,9 @@ def challenged(
     over = mapped(paths, scan, prior, model, work=work)
     draw = np.random.default_rng([work.seed, state.step, PURPOSE])
     pose = prior.belief.mean[POSE]
-    best, here = best_snapshot(paths, pose, draw)
-    here = max(here, float(refined(over, pose[None], draw)[0]))
-    watch = watch.scored(best, here)
+    best, here, mirrored = best_snapshot(paths, pose, draw)
+    here = max(here, float(refined(over, pose[None], draw)[1][0]))
+    watch = watch.scored(best, here, mirrored)
     if watch.against():
         found = _found(paths, prior, best - here, model, work)
         if found is not None:
