@@ -23,6 +23,8 @@ TRUST = 1.0
 """Steps of listening that the scene's own clutter level is worth."""
 LEAST_CLUTTER, MOST_CLUTTER = 0.2, 20.0
 """Bounds of the clutter level, as shares of the scene's."""
+ANY_CLUTTER = 5.0
+"""Measurements a step that may be clutter whatever the scene says: of tables that seem to have none."""
 SURPRISE, DOUBTED = 4.0, 3.0
 """Standard deviations by which clutter breaks with its past, and with the scene's level."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
@@ -98,7 +100,7 @@ class Calibration:
     def estimate(self, anchor: int, stated: float) -> float:
         """Mean clutter per step of an anchor: a Gamma-Poisson estimate about the scene's level."""
         mean = (TRUST * stated + float(self.clutter[anchor])) / (TRUST + float(self.listened[anchor]))
-        return min(max(mean, LEAST_CLUTTER * stated), MOST_CLUTTER * stated)
+        return min(max(mean, LEAST_CLUTTER * stated), max(MOST_CLUTTER * stated, ANY_CLUTTER))
 
     def level(self, anchor: int, stated: float) -> float:
         """The estimate if it differs from the scene's level beyond doubt, else that level."""

@@ -27,6 +27,8 @@ ASKED_EVIDENCE = 20.0
 BY_CHANCE, SURPLUS = 2.0, 15.0
 """Nats by which the best pose of many may explain a scan better by chance; and sum of what is beyond, from
 which on a place is called wrong."""
+ALIKE = 1.0
+"""Nats by which two searches for a best pose may differ."""
 KEEP, FADING = 0.5, 0.25
 """Forgetting of leads, and of what fits elsewhere, from one comparison to the next."""
 PROOF_LEAD, PROOF_LOUD = 10.0, 20.0
@@ -117,7 +119,7 @@ class Doubt:
         if due or hardly or elsewhere > ELSEWHERE:
             alone = ONE_UNEXPLAINED if hardly else ONE_ALONE
             elsewhere = FADING * elsewhere + max(best - mirrored - here - alone, 0.0)
-        rival = best > here  # one that stands where the agent is believed to be bears that out
+        rival = best > here + ALIKE  # one that stands where the agent is believed to be bears that out
         gain = best - evidence - BY_CHANCE
         after = replace(
             self,

@@ -21,6 +21,9 @@ SLOW = 0.03
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
+FEW_UNEXPLAINED = 1.5
+"""Measurements of an anchor and step that nothing explains, up to which none are clutter: paths over two
+walls, walls that are still to be born."""
 CALLED = 4.26
 """Deviations beyond which innovations are called too large: 1 step in 100 000 by chance; runs are long."""
 UNCHECKED_M = 0.3
@@ -220,7 +223,7 @@ class HealthMonitor:
         known = (calibration.listened >= LISTENED).tolist()
         levels = [level for level, has_level in zip(clutters, known, strict=True) if has_level]
         clutter = max(levels, default=0.0)
-        if clutter > LOUD_CLUTTER * stated:
+        if clutter > max(LOUD_CLUTTER * stated, FEW_UNEXPLAINED):
             found.append(reasons.clutter(clutter, stated))
         if turned.any() and not self.distrusted:
             found.append(most_turned(turned, model))

@@ -16,7 +16,7 @@ from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.consistency import complaints
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.beliefs.calibration import LEAST_CLUTTER, MOST_CLUTTER, Calibration
+from gridslam.inference.beliefs.calibration import ANY_CLUTTER, LEAST_CLUTTER, MOST_CLUTTER, Calibration
 from gridslam.inference.health import reasons
 from gridslam.inference.health.monitor import BLIND_M, HealthMonitor, innovation_band
 from gridslam.inference.management.merging import merge_and_prune
@@ -150,7 +150,7 @@ def test_the_clutter_level_is_bounded_whatever_is_heard(counts, reported):
     for count in counts:
         calibration = calibration.faded().with_clutter(0, count, signal)
         level = calibration.level(0, reported)
-        assert LEAST_CLUTTER * reported <= level <= MOST_CLUTTER * reported
+        assert LEAST_CLUTTER * reported <= level <= max(MOST_CLUTTER * reported, ANY_CLUTTER)
 
 
 def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
@@ -324,3 +324,18 @@ def test_a_line_of_sight_bears_out_a_place_only_where_its_clock_is_known():
     np.testing.assert_array_equal(telling_sights(state), [0.95, 0.0])
     known = replace(state, belief=Belief(mean[:5], covariance[:5, :5]))
     np.testing.assert_array_equal(telling_sights(known), [0.95, 0.99])
+
+
+@pytest.mark.parametrize(
+    ("stated", "heard", "called"), [(0.01, 1, False), (0.01, 4, True), (2.0, 5, False), (2.0, 8, True)]
+)
+def test_a_few_that_nothing_explains_are_no_clutter(stated, heard, called):
+    """A table without false alarms still holds paths over two walls, of which no filter knows at first."""
+    scene = gs.Scene.load("room")
+    radio = scene.radio.model_copy(update={"false_alarms": stated})
+    model = scene.model_copy(update={"radio": radio}).filter_model("agent1")
+    calibration = Calibration.start(2)
+    for _ in range(60):
+        calibration = calibration.faded().with_clutter(0, heard, model.radio).with_clutter(1, 0, model.radio)
+    health, _ = HealthMonitor().assess(calibration, np.zeros(2), model, 0.01, 100.0)
+    assert ("clutter" in health.why) == called

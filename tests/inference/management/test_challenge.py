@@ -117,7 +117,7 @@ def test_a_right_world_without_amplitudes_is_well_and_a_wrong_one_is_not(scene):
     split = split_by_anchor(scans[20], slam.model)
     count = len(split.whole) - 2 * scene.radio.false_alarms
     assert loud_of(split, slam.model) == pytest.approx(WITHOUT_AMPLITUDE * count)
-    wrong = leads[-1].compared(30.0, 29.0, 28.0, 0.0, loud_of(split, slam.model))
+    wrong = leads[-1].compared(30.0, 29.0, 27.0, 0.0, loud_of(split, slam.model))
     assert "fresh start" in replace(wrong, lead=1.0 * wrong.loud).reasons()[0]
 
 
@@ -312,7 +312,8 @@ def test_what_is_hardly_explained_counts_for_more_by_hand():
     assert again.elsewhere == FADING * badly.elsewhere + 30 - 12 - ONE_UNEXPLAINED
     assert not again.raised, "it was called wrong before"
     assert not badly.compared(1e3, 12.0, 12.0, 0.0, 2.0, False).reasons(), "found again, it is well at once"
-    assert Doubt().compared(0.0, 1.0, 0.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
+    assert Doubt().compared(0.0, 1.5, 0.0, 0.0, 9.0).raised, "a low lead is a doubt, too"
+    assert not Doubt().compared(0.0, 1.5, 0.6, 0.0, 9.0).raised, "searches differ by as much"
     assert not Doubt().compared(0.0, 1.0, 1.0, 0.0, 9.0).raised, "where it stands is the believed place"
 
 
