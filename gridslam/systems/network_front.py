@@ -11,6 +11,7 @@ import numpy as np
 from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
 from gridslam.inference.beliefs.belief import lines_covariance
+from gridslam.inference.management.free_turn import turn_of_all, with_turn
 from gridslam.inference.management.network.clock_rivals import advance
 from gridslam.inference.management.network.readout import CONFIRMED, network_estimate
 from gridslam.inference.management.readout import surface_estimate
@@ -118,7 +119,8 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
         return Population.of(state)
 
     def _advanced(self, scan: NetworkScan) -> tuple[Population[NetworkState], NetworkInfo]:
-        return advance(self.now.believed, scan, self.model, self.work, self.advance)
+        believed = turn_of_all(self.now.believed, scan, self.model)
+        return advance(believed, scan, self.model, self.work, self.advance)
 
     def _workspace(self) -> tuple[Workspace, ...]:
         first = Workspace(self.model.agents[0], self.seed, self.keeps_grid)
@@ -141,7 +143,7 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
-        state = self.state
+        state = with_turn(self.state, self.model.agents[0])
         table = surface_estimate(state.part(0), work=self.work[0])
         found = detected(table.existence, self.model.settings) & (state.surfaces.seen >= CONFIRMED)
         joint = lines_covariance(state.belief, found)

@@ -9,17 +9,23 @@ out of the belief while nothing tells it, and put back for whoever asks how sure
 from __future__ import annotations
 
 from dataclasses import replace as changed
+from typing import TypeVar
 
 import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief, solved
 from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
+from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
 
+Turning = TypeVar("Turning", State, NetworkState)
+"""What may turn: about one agent, or about several and their clocks."""
 LEFT = 1e-6
 """Variance of the turn that stays in the belief (rad^2), so that it has a root."""
 ANY = np.pi**2 / 3
@@ -40,6 +46,22 @@ def turn_followed(
     """
     if population.searching or population.best.samples is not None:
         return population
+    return _followed(population, told, model, anchor)
+
+
+def turn_of_all(
+    population: Population[NetworkState], scan: NetworkScan, model: NetworkModel
+) -> Population[NetworkState]:
+    """The same before a scan of several agents, which turn together about the only anchor there is."""
+    if len(model.anchor_names) > 1:
+        return population
+    told = any(own is not None and bool(np.isfinite(own.aod_rad).any()) for own in scan.scans)
+    return _followed(population, told, model.agents[0], 0)
+
+
+def _followed(
+    population: Population[Turning], told: bool, model: FilterModel, anchor: int
+) -> Population[Turning]:
     if told and all(state.turn_variance is None for state in population.states):
         return population
     states = [
@@ -49,7 +71,7 @@ def turn_followed(
     return changed(population, states=tuple(states))
 
 
-def without_turn(state: State, model: FilterModel, anchor: int = 0) -> State:
+def without_turn(state: Turning, model: FilterModel, anchor: int = 0) -> Turning:
     """The state with what it believes about the turn about an anchor held out of its belief, (M493)."""
     if state.turn_variance is not None:
         return state
@@ -60,7 +82,7 @@ def without_turn(state: State, model: FilterModel, anchor: int = 0) -> State:
     return replace(_wider(state, way, -held), turn_variance=held, turn_anchor=anchor)
 
 
-def with_turn(state: State, model: FilterModel) -> State:
+def with_turn(state: Turning, model: FilterModel) -> Turning:
     """The state with the turn in its belief, (M494): as sure as anybody may be of where things are."""
     if not state.turn_variance:
         return state
@@ -68,7 +90,7 @@ def with_turn(state: State, model: FilterModel) -> State:
     return _wider(state, direction(state.belief, place), state.turn_variance)
 
 
-def all_with_turn(population: Population[State], model: FilterModel) -> Population[State]:
+def all_with_turn(population: Population[Turning], model: FilterModel) -> Population[Turning]:
     """The same of all hypotheses."""
     if not any(state.turn_variance for state in population.states):
         return population
@@ -79,13 +101,15 @@ def direction(belief: Belief, place: Array) -> Array:
     """By how much all entries of a belief change when all turns about a place (2,), per rad, (N,)."""
     mean, lines, layout = belief.mean, belief.lines, belief.layout
     way = np.zeros(len(mean))
-    way[0], way[1] = place[1] - mean[1], mean[0] - place[0]
-    way[2], way[3], way[HEADING] = -mean[3], mean[2], 1.0
+    for agent in range(layout.agents):
+        own, at = mean[layout.pose(agent)], layout.pose(agent).start
+        way[at], way[at + 1] = place[1] - own[1], own[0] - place[0]
+        way[at + 2], way[at + 3], way[at + HEADING] = -own[3], own[2], 1.0
     way[layout.angles] = 1.0
     way[layout.offsets] = unit(lines[:, 0] + 0.5 * np.pi) @ place
     return way
 
 
-def _wider(state: State, way: Array, variance: float) -> State:
+def _wider(state: Turning, way: Array, variance: float) -> Turning:
     belief = state.belief
     return state.believing(replace(belief, covariance=belief.covariance + variance * np.outer(way, way)))

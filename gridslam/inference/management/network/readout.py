@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.estimates import Estimate
 from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.management.free_turn import with_turn
 from gridslam.inference.management.network.clock_rivals import unset_clocks
 from gridslam.inference.management.readout import estimates
 from gridslam.inference.management.step_info import StepInfo
@@ -100,7 +101,8 @@ def _of_agent(
     state: NetworkState, agent: int, scan: NetworkScan, info: StepInfo, model: NetworkModel, began: float,
     work: Workspace,
 ) -> Estimate:  # fmt: skip
-    part, own = state.part(agent), work.calibrated(model.agents[agent], info.turned)
+    part = with_turn(state.part(agent), model.agents[agent])
+    own = work.calibrated(model.agents[agent], info.turned)
     mean, covariance, pose = part.belief.mean, part.belief.covariance, part.belief.layout.pose()
     strength = None
     if state.grid is None:  # with a grid, amplitudes follow from coefficients

@@ -92,6 +92,11 @@ class NetworkState:
         The steps since clocks were last all set.
     began_s : float, optional
         Time of the first step.
+    turn_variance : float, optional
+        Of the turn of agents and lines about the only anchor, rad^2, where nothing has told it and `belief`
+        is without it: docs/model.md, (M493). None where the belief holds it.
+    turn_anchor : int
+        About which.
     """
 
     belief: NetworkBelief
@@ -108,6 +113,8 @@ class NetworkState:
     walks: ClockWalk | None = None
     search: ClockSteps | None = None
     began_s: float | None = field(default=None, metadata={"later": True})
+    turn_variance: float | None = field(default=None, metadata={"later": True})
+    turn_anchor: int = field(default=0, metadata={"later": True})
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:
@@ -119,6 +126,10 @@ class NetworkState:
             np.full(agents * anchors, FRESH_SIGHT), (record,) * agents, ClockSearch.start(model.clocks),
             np.zeros(agents, bool),
         )  # fmt: skip
+
+    def believing(self, belief: NetworkBelief) -> Self:
+        """This state with another belief about the same."""
+        return replace(self, belief=belief)
 
     def links(self, agent: int) -> slice:
         """Rows of an agent's rays."""
@@ -166,6 +177,7 @@ class NetworkState:
             view, replace(self.surfaces, single=single, double=double),
             self.los[own].copy(), record.calibration, record.monitor, self.step, self.next_identity,
             self.time_s, self.grid, record.amplitudes,
+            turn_variance=self.turn_variance, turn_anchor=self.turn_anchor,
         )  # fmt: skip
 
     def recorded(self, agent: int, monitor: HealthMonitor) -> Self:
