@@ -1,9 +1,9 @@
 """Write the pages of the reference that follow from the code: `python docs/generate.py`.
 
-`scene-file.md` comes from the types of scenes, `file-formats.md` from the columns that tables are held to
-(gridslam/world/columns.py) and files that a small run writes, and
-`methods.md` from the registry, so that none can say what isn't so; a test compares them with those committed.
-What keys mean is in gridslam/world/scene_keys.toml, what datasets and methods are in docs/formats.toml.
+`scene-file.md` comes from the types of scenes, `file-formats.md` from the descriptions that writers and
+readers of files go by, and `methods.md` from the registry, so that none can say what isn't so; a test
+compares them with those committed. What keys of scenes mean is in gridslam/world/scene_keys.toml, what files
+and methods are in docs/formats.toml.
 """
 
 from __future__ import annotations
@@ -12,12 +12,9 @@ import json
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
-
-import h5py
-import numpy as np
 
 import gridslam as gs
 from gridslam.bench.bench import Speed, StepSpeed
@@ -25,15 +22,18 @@ from gridslam.bench.growth import Growth
 from gridslam.bench.kernels import KernelSpeed
 from gridslam.bench.plan import Plan
 from gridslam.bench.start import Machine, StartUp
-from gridslam.estimate_tables import FeatureEstimate
-from gridslam.runs.network_files import clock_files
+from gridslam.io.datasets import Layout
+from gridslam.maps.map_datasets import MAP
+from gridslam.measurements.datasets import MEASUREMENTS, RECORDING
+from gridslam.runs.network_files import CLOCKS, clock_files
 from gridslam.runs.run_files import write_run
+from gridslam.runs.step_datasets import ALL_STEPS
 from gridslam.simulation.network import simulate_network
 from gridslam.studies.batches import batches
 from gridslam.studies.study import Study, run_study
 from gridslam.studies.tables import write_tables
 from gridslam.systems.registry import METHODS
-from gridslam.world.columns import BY_NAME, TABLE
+from gridslam.world.columns import TABLE
 from gridslam.world.scene_reference import keys
 
 DOCS = Path(__file__).resolve().parent
@@ -46,25 +46,12 @@ class Missing(KeyError):
 
 def meaning(of: str, key: str) -> str:
     """What a key of a table in formats.toml means."""
-    table, _, name = key.rpartition("/")
-    if of == "measurements.h5" and table == "measurements" and name in BY_NAME:
-        return BY_NAME[name].meaning
-    told = MEANINGS["h5"].get(of) or MEANINGS[of]
+    told = MEANINGS[of]
     if key not in told:
         raise Missing(f"docs/formats.toml: no line for {key!r} of {of}; add it, then python docs/generate.py")
     return str(told[key])
 
 
-LETTERS = {
-    "measurements": "M",
-    "paths": "L",
-    "surfaces": "S",
-    "hypotheses": "H",
-    "steps": "N",
-    "truth": "N",
-    "features": "F",
-}
-"""Sizes that differ from file to file, by the group that has them."""
 COLUMNS = ("key", "unit", "default", "allowed", "meaning")
 ALIKE = {
     ("[anchors]", "array"): "radio.array",
@@ -133,10 +120,9 @@ def formats_page() -> str:
     with tempfile.TemporaryDirectory(prefix="gridslam-docs-") as place:
         folder = _written(Path(place))
         lines += ["", "## `measurements.csv`", "", *_rows()]
-        for name in ("measurements.h5", "map.h5", "steps.h5", "signal.h5"):
-            lines += ["", f"## `{name}`", "", *_h5(folder / "agent1" / name)]
+        for layout in (MEASUREMENTS, MAP, ALL_STEPS, RECORDING, CLOCKS):
+            lines += ["", f"## `{layout.file}`", "", *_h5(layout)]
         network = _network(Path(place))
-        lines += ["", "## `clocks.h5`", "", *_h5(network / "clocks.h5")]
         lines += ["", "## `run.json`", "", *_json(folder), *_of_network(network)]
         study = _studied(Path(place))
         lines += ["", "## `study.jsonl`", "", *_results(study / "study.jsonl")]
@@ -165,15 +151,6 @@ def _written(place: Path) -> Path:
     heard = gs.simulate(scene, "agent1", seed=1)
     run = gs.map_scene(scene, heard, seed=1)
     write_run(place / "run", scene, [run], [heard], [run.score(gs.ground_truth(scene, "agent1"))], {})
-    one, point = np.ones(1), np.zeros((1, 2))
-    whole = np.ones(1, np.int64)
-    learned = FeatureEstimate(
-        identity=whole, anchor=whole, anchor_m=point, position_m=point, bias_m=one, variance=one, noise=one,
-        covariance=np.ones((1, 4, 4)), kind=whole, steps_seen=whole, last_step=whole,
-    )  # fmt: skip
-    both = replace(run.map, features=learned, feature_covariance=np.eye(3))
-    both.save(place / "run" / "agent1" / "map.h5")
-    gs.simulate(scene, "agent1", seed=1, what="signal").to_h5(place / "run" / "agent1" / "signal.h5")
     return place / "run"
 
 
@@ -251,48 +228,25 @@ def _bench() -> Iterator[str]:
         yield f"| `{name}` | {keys} | {meaning('bench', name)} |"
 
 
-def _h5(path: Path) -> Iterator[str]:
-    name = path.name
-    yield from meaning(name, "about").strip().splitlines()
-    with h5py.File(path) as file:
-        yield ""
-        yield f'Root attributes: `format = "{file.attrs["format"]}"`, `version = {file.attrs["version"]}`.'
-        yield ""
-        yield "| dataset or attribute | shape | type | unit | meaning |"
-        yield "|---|---|---|---|---|"
-        for key in sorted(set(file.attrs) - {"format", "version", "checksum"}):
-            yield f"| attribute `{key}` | | | | {meaning(name, f'@{key}')} |"
-        found: list[tuple[str, h5py.Dataset | h5py.Group]] = []
-        file.visititems(lambda path, item: found.append((path, item)))
-        for path, item in found:
-            for key in sorted(item.attrs):
-                if key != "unit":
-                    yield f"| `/{path}`, attribute `{key}` | | | | {meaning(name, f'{path}@{key}')} |"
-            if isinstance(item, h5py.Dataset):
-                kind = "text" if item.dtype.kind == "O" else str(item.dtype)
-                unit = {"1": "", "text": ""}.get(item.attrs["unit"], item.attrs["unit"])
-                cells = (f"`/{path}`", _shape(path, item.shape), kind, unit, meaning(name, path))
-                yield f"| {' | '.join(cells)} |"
-
-
-def _shape(path: str, shape: tuple[int, ...]) -> str:
-    """A shape with letters for sizes that differ from file to file."""
-    group, name = path.split("/")[0], path.rpartition("/")[2]
-    first = LETTERS.get(group, "")
-    if path in MEANINGS["shapes"]:
-        return str(MEANINGS["shapes"][path])
-    if group == "anchors":
-        first = "J"
-    elif name == "offset":
-        first = "N + 1"
-    elif group == "grid":
-        first = "K" if name.startswith("coefficient") else ""
-        if not first:
-            return "(ny, nx)"
-    if not first:
-        return f"({', '.join(map(str, shape))})"
-    tail = [str(size) for size in shape[1:]]
-    return f"({', '.join([first, *tail])}{',' if not tail else ''})"
+def _h5(layout: Layout) -> Iterator[str]:
+    """Groups and datasets of an HDF5 file, as they are described to its writer and its reader."""
+    yield from meaning(layout.file, "about").strip().splitlines()
+    versions = " or ".join(map(str, layout.versions))
+    yield from ("", f'Root attributes: `format = "{layout.kind}"`, `version = {versions}`.', "")
+    absent = [f"`/{group.name}`: {group.absent}" for group in layout.groups if group.absent]
+    if absent:
+        yield from (f"What a file without a group means: {'; '.join(absent)}.", "")
+    yield "| dataset or attribute | shape | type | unit | default | allowed | meaning |"
+    yield "|---|---|---|---|---|---|---|"
+    for group in layout.groups:
+        for one in group.datasets:
+            path = f"{group.name}/{one.name}".replace("/@", "@") if group.name else one.name
+            name, _, attribute = path.partition("@")
+            shown = f"`/{name}`, attribute `{attribute}`" if attribute else f"`/{name}`"
+            shown = shown.removeprefix("`/`, ")
+            shape = f"({one.shape}{'' if ', ' in one.shape else ','})" if one.shape else ""
+            cells = shown, shape, one.kind, one.shown_unit, one.default, one.allowed, one.meaning
+            yield f"| {' | '.join(cells)} |"
 
 
 def _json(folder: Path) -> Iterator[str]:
