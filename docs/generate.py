@@ -25,10 +25,9 @@ from gridslam.bench.start import Machine, StartUp
 from gridslam.io.datasets import Layout
 from gridslam.maps.map_datasets import MAP
 from gridslam.measurements.datasets import MEASUREMENTS, RECORDING
-from gridslam.runs.network_files import CLOCKS, clock_files
-from gridslam.runs.run_files import write_run
+from gridslam.runs.network_files import CLOCKS
 from gridslam.runs.step_datasets import ALL_STEPS
-from gridslam.simulation.network import simulate_network
+from gridslam.runs.summary import AGENT, SUMMARY, Entry
 from gridslam.studies.batches import batches
 from gridslam.studies.study import Study, run_study
 from gridslam.studies.tables import write_tables
@@ -118,12 +117,11 @@ def formats_page() -> str:
     """The reference of the files that gridslam writes and reads."""
     lines = ["# File formats", "", *MEANINGS["page"]["formats"].strip().splitlines()]
     with tempfile.TemporaryDirectory(prefix="gridslam-docs-") as place:
-        folder = _written(Path(place))
         lines += ["", "## `measurements.csv`", "", *_rows()]
         for layout in (MEASUREMENTS, MAP, ALL_STEPS, RECORDING, CLOCKS):
             lines += ["", f"## `{layout.file}`", "", *_h5(layout)]
-        network = _network(Path(place))
-        lines += ["", "## `run.json`", "", *_json(folder), *_of_network(network)]
+        lines += ["", "## `run.json`", "", *meaning("run.json", "about").strip().splitlines()]
+        lines += _entries(SUMMARY)
         study = _studied(Path(place))
         lines += ["", "## `study.jsonl`", "", *_results(study / "study.jsonl")]
         for name in ("runs.csv", "steps.csv", "summary.csv"):
@@ -143,29 +141,6 @@ def _rows() -> Iterator[str]:
         allowed = "the scene's names" if one.unit == "index" else one.allowed
         yield f"| `{one.name}` | {unit} | {one.default} | {allowed} | {one.meaning} |"
     yield f"| `agent` | name | one agent | the scene's names | {meaning('measurements.csv', 'agent')} |"
-
-
-def _written(place: Path) -> Path:
-    """Files of a small run."""
-    scene = gs.Scene.from_toml(SCENE, "small")
-    heard = gs.simulate(scene, "agent1", seed=1)
-    run = gs.map_scene(scene, heard, seed=1)
-    write_run(place / "run", scene, [run], [heard], [run.score(gs.ground_truth(scene, "agent1"))], {})
-    return place / "run"
-
-
-def _network(place: Path) -> Path:
-    """Files of a small run of several agents with clocks."""
-    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
-    brief = {**whole, "agents": [{**agent, "steps": 3} for agent in whole["agents"][:2]]}
-    scene = gs.Scene.checked({**brief, "filter": {**whole["filter"], "particles": 100}}, "small")
-    heard, truth = simulate_network(scene, [agent.name for agent in scene.agents], 1)
-    done = gs.map_network(scene, heard, seed=1)
-    runs, more = list(done.runs.values()), clock_files(done.clocks, heard.clocks)
-    settings = {"network": done.score(truth.clocks, truth)}
-    scores, parts = [run.score() for run in runs], [heard[run.agent] for run in runs]
-    write_run(place / "network", scene, runs, parts, scores, settings, more=more)
-    return place / "network"
 
 
 class _Here:
@@ -190,12 +165,6 @@ def _table(head: str, of: str, names: Iterable[str], shown: str = "{}") -> Itera
         yield f"| `{shown.format(name)}` | {meaning(of, name)} |"
 
 
-def _of_network(folder: Path) -> Iterator[str]:
-    whole = json.loads((folder / "run.json").read_text(encoding="utf-8"))["network"]
-    for key in whole:
-        yield f"| `network.{key}` | {meaning('run.json', f'network.{key}')} |"
-
-
 def _results(path: Path) -> Iterator[str]:
     yield from meaning("study.jsonl", "about").strip().splitlines()
     head, first, *_ = map(json.loads, path.read_text(encoding="utf-8").splitlines())
@@ -211,11 +180,11 @@ def _columns(path: Path) -> Iterator[str]:
     """Columns of a table; those that are scores mean what they mean in run.json."""
     yield from meaning(path.name, "about").strip().splitlines()
     yield from ("", "| column | meaning |", "|---|---|")
+    scores = {one.name: one.meaning for one in AGENT}
     for name in path.read_text(encoding="utf-8").splitlines()[0].split(","):
         part, _, rest = name.partition("_")
-        score = f"agents.{part}.{rest}" if part in ("map", "health") else f"agents.{name}"
-        own = MEANINGS[path.name].get(name)
-        yield f"| `{name}` | {own or meaning('run.json', score)} |"
+        score = f"{part}.{rest}" if part in ("map", "health") else name
+        yield f"| `{name}` | {MEANINGS[path.name].get(name) or scores[score]} |"
 
 
 def _bench() -> Iterator[str]:
@@ -249,19 +218,17 @@ def _h5(layout: Layout) -> Iterator[str]:
             yield f"| {' | '.join(cells)} |"
 
 
-def _json(folder: Path) -> Iterator[str]:
-    yield from meaning("run.json", "about").strip().splitlines()
-    yield ""
-    yield "| key | meaning |"
-    yield "|---|---|"
-    whole = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    for key in whole:
-        yield f"| `{key}` | {meaning('run.json', key)} |"
-    for key, value in whole["agents"]["agent1"].items():
-        yield f"| `agents.NAME.{key}` | {meaning('run.json', f'agents.{key}')} |"
-        for inner in value if isinstance(value, dict) and key in ("map", "health") else ():
-            told = meaning("run.json", f"agents.{key}.{inner}")
-            yield f"| `agents.NAME.{key}.{inner}` | {told} |"
+def _entries(entries: Iterable[Entry]) -> Iterator[str]:
+    """Keys of run.json, as they are described to those who write and check it."""
+    yield from (
+        "",
+        "| key | type | unit | null, or missing | allowed | meaning |",
+        "|---|---|---|---|---|---|",
+    )
+    for one in entries:
+        allowed = "" if one.allowed == one.kind else one.allowed
+        cells = f"`{one.name}`", one.kind, one.shown_unit, one.default, allowed, one.meaning
+        yield f"| {' | '.join(cells)} |"
 
 
 PAGES = {"scene-file.md": scene_page, "file-formats.md": formats_page, "methods.md": methods_page}
