@@ -27,10 +27,10 @@ from gridslam.maps.map_datasets import MAP
 from gridslam.measurements.datasets import MEASUREMENTS, RECORDING
 from gridslam.runs.network_files import CLOCKS
 from gridslam.runs.step_datasets import ALL_STEPS
-from gridslam.runs.summary import AGENT, SUMMARY, Entry
-from gridslam.studies.batches import batches
+from gridslam.runs.summary import SUMMARY, Entry
+from gridslam.studies.columns import RUNS, STEPS
+from gridslam.studies.columns import SUMMARY as TOTALS
 from gridslam.studies.study import Study, run_study
-from gridslam.studies.tables import write_tables
 from gridslam.systems.registry import METHODS
 from gridslam.world.columns import TABLE
 from gridslam.world.scene_reference import keys
@@ -124,8 +124,8 @@ def formats_page() -> str:
         lines += _entries(SUMMARY)
         study = _studied(Path(place))
         lines += ["", "## `study.jsonl`", "", *_results(study / "study.jsonl")]
-        for name in ("runs.csv", "steps.csv", "summary.csv"):
-            lines += ["", f"## `{name}`", "", *_columns(study / name)]
+    for name, columns in (("runs.csv", RUNS), ("steps.csv", STEPS), ("summary.csv", TOTALS)):
+        lines += ["", f"## `{name}`", "", *_columns(name, columns)]
     lines += ["", "## `bench --json`", "", *_bench()]
     for name, told in MEANINGS["others"].items():
         lines += ["", f"## `{name}`", "", *told.strip().splitlines()]
@@ -154,8 +154,7 @@ class _Here:
 def _studied(place: Path) -> Path:
     """Files of a study of two runs."""
     scene = gs.Scene.from_toml(SCENE, "small")
-    outcome = run_study(Study((scene,), seeds=(1, 2)), place / "study", _Here())
-    write_tables(place / "study", batches(outcome))
+    run_study(Study((scene,), seeds=(1, 2)), place / "study", _Here())
     return place / "study"
 
 
@@ -176,15 +175,10 @@ def _results(path: Path) -> Iterator[str]:
     yield from _table("key of each other line", "study.jsonl", inner)
 
 
-def _columns(path: Path) -> Iterator[str]:
-    """Columns of a table; those that are scores mean what they mean in run.json."""
-    yield from meaning(path.name, "about").strip().splitlines()
-    yield from ("", "| column | meaning |", "|---|---|")
-    scores = {one.name: one.meaning for one in AGENT}
-    for name in path.read_text(encoding="utf-8").splitlines()[0].split(","):
-        part, _, rest = name.partition("_")
-        score = f"{part}.{rest}" if part in ("map", "health") else name
-        yield f"| `{name}` | {MEANINGS[path.name].get(name) or scores[score]} |"
+def _columns(name: str, columns: Iterable[Entry]) -> Iterator[str]:
+    """Columns of a study's table, as they are described."""
+    yield from meaning(name, "about").strip().splitlines()
+    yield from _entries(columns, "column", "empty")
 
 
 def _bench() -> Iterator[str]:
@@ -218,13 +212,9 @@ def _h5(layout: Layout) -> Iterator[str]:
             yield f"| {' | '.join(cells)} |"
 
 
-def _entries(entries: Iterable[Entry]) -> Iterator[str]:
-    """Keys of run.json, as they are described to those who write and check it."""
-    yield from (
-        "",
-        "| key | type | unit | null, or missing | allowed | meaning |",
-        "|---|---|---|---|---|---|",
-    )
+def _entries(entries: Iterable[Entry], what: str = "key", empty: str = "null, or missing") -> Iterator[str]:
+    """Keys of run.json or columns, as they are described to those who write and check them."""
+    yield from ("", f"| {what} | type | unit | {empty} | allowed | meaning |", "|---|---|---|---|---|---|")
     for one in entries:
         allowed = "" if one.allowed == one.kind else one.allowed
         cells = f"`{one.name}`", one.kind, one.shown_unit, one.default, allowed, one.meaning

@@ -2,7 +2,8 @@
 
 docs/generate.py prints the same descriptions as the reference of the files. They stand beside the writers:
 `gridslam.measurements.datasets`, `gridslam.maps.map_datasets`, `gridslam.runs.step_datasets`,
-`gridslam.runs.network_files`.
+`gridslam.runs.network_files`. Those of JSON and CSV files are in `gridslam.runs.summary` and
+`gridslam.studies.columns`.
 """
 
 from __future__ import annotations

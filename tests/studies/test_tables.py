@@ -16,6 +16,7 @@ from gridslam.drawing.map_figure import encoded
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
 from gridslam.studies.batches import Benchmark, _benchmarks, batches
+from gridslam.studies.columns import RUNS, STEPS, SUMMARY
 from gridslam.studies.looks import DOTTED, SPARSE, STYLES
 from gridslam.studies.plots import (
     draw_cdf,
@@ -85,6 +86,9 @@ def test_tables_add_up(scene, tmp_path):
         told[path.stem] = set(rows[0])
         assert {row["agent"] for row in rows} == set(AGENTS)
         assert all(len(row) == len(rows[0]) and None not in row for row in rows)
+    for name, columns in (("steps", STEPS), ("summary", SUMMARY)):
+        assert told[name] == {one.name for one in columns}, "what is written is what is described"
+    assert told["runs"] - {one.name for one in RUNS} == set()
     assert {f"position_{of}_map_bound_m" for of in ("known", "unknown")} <= told["steps"]
     assert not told["steps"] & {"position_bound_m", "heading_bound_deg", "mospa_bound_m"}, "run.json's: known"
     assert not (told["runs"] | told["steps"]) & {name for name in told["summary"] if "rmse" in name}
