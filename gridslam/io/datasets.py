@@ -122,7 +122,7 @@ class Dataset(Quantity):
         if self.kind == "text":
             return _text(found, where) if self.shape else _text(found.reshape(1), where)[0]
         if checked:
-            self._hold(found, where)
+            self.hold(found, where)
         with np.errstate(over="ignore", invalid="ignore"):
             values = found.astype(self.kind, copy=False)
         return values if self.shape else values.item()
@@ -165,8 +165,14 @@ class Dataset(Quantity):
             wanted.append(None if known is None else int(factor or 1) * known + int(more or 0))
         return tuple(wanted)
 
-    def _hold(self, values: NDArray[Any], where: str) -> None:
-        """Refuse the first number that isn't allowed."""
+    def hold(self, values: NDArray[Any], where: str) -> None:
+        """Refuse the first number that isn't allowed.
+
+        Raises
+        ------
+        InputError
+            There is one; `where` is what it calls the values.
+        """
         least, most = self._ends()
         if not values.size or (self.endless and self.nan and np.isinf([least, most]).all()):
             return

@@ -88,6 +88,26 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
     ]
 
 
+def storable(estimate: Estimate, where: str) -> Estimate:
+    """An estimate that can be written and read again; a method of one's own may hold what can't be.
+
+    Raises
+    ------
+    InputError
+        Numbers out of their range, as probabilities above 1, or NaN where it says nothing; `where` is what it
+        calls the estimate.
+    """
+    tables = ((SURFACES, "surfaces"), (PATHS, "paths"), (HYPOTHESES, "hypotheses"), (RINGS, "rings"))
+    for one in STEPS.datasets:
+        one.hold(np.asarray(getattr(estimate, one.name)), f"{where}: {one.name}")
+    for group, name in tables:
+        table = getattr(estimate, name)
+        for one in group.datasets:
+            if one.name in table.columns():
+                one.hold(np.asarray(getattr(table, one.name)), f"{where}: {name}.{one.name}")
+    return estimate
+
+
 def _offset(tables: Sequence[Any]) -> dict[str, Any]:
     """Where the rows of each step begin."""
     return {"offset": np.cumsum([0, *map(len, tables)])}
