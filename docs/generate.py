@@ -8,15 +8,13 @@ and methods are in docs/formats.toml.
 
 from __future__ import annotations
 
-import json
-import tempfile
+import inspect
+import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
-import gridslam as gs
 from gridslam.bench.bench import Speed, StepSpeed
 from gridslam.bench.growth import Growth
 from gridslam.bench.kernels import KernelSpeed
@@ -28,9 +26,8 @@ from gridslam.measurements.datasets import MEASUREMENTS, RECORDING
 from gridslam.runs.network_files import CLOCKS
 from gridslam.runs.step_datasets import ALL_STEPS
 from gridslam.runs.summary import SUMMARY, Entry
-from gridslam.studies.columns import RUNS, STEPS
+from gridslam.studies.columns import HEAD, RECORD, RUNS, STEPS
 from gridslam.studies.columns import SUMMARY as TOTALS
-from gridslam.studies.study import Study, run_study
 from gridslam.systems.registry import METHODS
 from gridslam.world.columns import TABLE
 from gridslam.world.scene_reference import keys
@@ -58,18 +55,6 @@ ALIKE = {
     ("[agents]", "clock"): "anchors.clock",
 }
 """Tables that are described elsewhere."""
-SCENE = """
-name = "small"
-grid = { x_m = [-4.8, 4.8], y_m = [-3.8, 3.8], cell_m = 0.2 }
-filter = { particles = 100 }
-radio = { frequencies = 8, frequency_step_hz = 1.0e7, array = { rows = 1, columns = 4 } }
-anchors = [{ name = "A", position_m = [-3.1, 2.2] }, { name = "B", position_m = [2.9, -2.3] }]
-agents = [{ name = "agent1", start_m = [-2.0, -1.4], waypoints_m = [[0.7, -1.4]], steps = 5 }]
-[[walls]]
-material = "concrete"
-points_m = [[-4.0, -3.0], [4.0, -3.0], [4.0, 3.0], [-4.0, 3.0]]
-closed = true
-"""
 
 
 def scene_page() -> str:
@@ -116,14 +101,12 @@ def methods_page() -> str:
 def formats_page() -> str:
     """The reference of the files that gridslam writes and reads."""
     lines = ["# File formats", "", *MEANINGS["page"]["formats"].strip().splitlines()]
-    with tempfile.TemporaryDirectory(prefix="gridslam-docs-") as place:
-        lines += ["", "## `measurements.csv`", "", *_rows()]
-        for layout in (MEASUREMENTS, MAP, ALL_STEPS, RECORDING, CLOCKS):
-            lines += ["", f"## `{layout.file}`", "", *_h5(layout)]
-        lines += ["", "## `run.json`", "", *meaning("run.json", "about").strip().splitlines()]
-        lines += _entries(SUMMARY)
-        study = _studied(Path(place))
-        lines += ["", "## `study.jsonl`", "", *_results(study / "study.jsonl")]
+    lines += ["", "## `measurements.csv`", "", *_rows()]
+    for layout in (MEASUREMENTS, MAP, ALL_STEPS, RECORDING, CLOCKS):
+        lines += ["", f"## `{layout.file}`", "", *_h5(layout)]
+    lines += ["", "## `run.json`", "", *meaning("run.json", "about").strip().splitlines(), *_entries(SUMMARY)]
+    lines += ["", "## `study.jsonl`", "", *meaning("study.jsonl", "about").strip().splitlines()]
+    lines += [*_entries(HEAD, "key of the first line"), *_entries(RECORD, "key of each other line")]
     for name, columns in (("runs.csv", RUNS), ("steps.csv", STEPS), ("summary.csv", TOTALS)):
         lines += ["", f"## `{name}`", "", *_columns(name, columns)]
     lines += ["", "## `bench --json`", "", *_bench()]
@@ -143,38 +126,6 @@ def _rows() -> Iterator[str]:
     yield f"| `agent` | name | one agent | the scene's names | {meaning('measurements.csv', 'agent')} |"
 
 
-class _Here:
-    """Workers in this process."""
-
-    def run(self, work: Callable[..., Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """Each task in turn."""
-        yield from enumerate(map(work, tasks))
-
-
-def _studied(place: Path) -> Path:
-    """Files of a study of two runs."""
-    scene = gs.Scene.from_toml(SCENE, "small")
-    run_study(Study((scene,), seeds=(1, 2)), place / "study", _Here())
-    return place / "study"
-
-
-def _table(head: str, of: str, names: Iterable[str], shown: str = "{}") -> Iterator[str]:
-    yield from ("", f"| {head} | meaning |", "|---|---|")
-    for name in names:
-        yield f"| `{shown.format(name)}` | {meaning(of, name)} |"
-
-
-def _results(path: Path) -> Iterator[str]:
-    yield from meaning("study.jsonl", "about").strip().splitlines()
-    head, first, *_ = map(json.loads, path.read_text(encoding="utf-8").splitlines())
-    yield from _table("key of the first line", "study.jsonl", head)
-    inner = [f"key.{name}" for name in first["key"]]
-    own = first["agents"]["agent1"]
-    inner += [f"agents.NAME.{name}" for name in own if name != "steps"]
-    inner += [f"agents.NAME.steps.{name}" for name in own["steps"]]
-    yield from _table("key of each other line", "study.jsonl", inner)
-
-
 def _columns(name: str, columns: Iterable[Entry]) -> Iterator[str]:
     """Columns of a study's table, as they are described."""
     yield from meaning(name, "about").strip().splitlines()
@@ -182,13 +133,43 @@ def _columns(name: str, columns: Iterable[Entry]) -> Iterator[str]:
 
 
 def _bench() -> Iterator[str]:
+    """What was measured, by the types that hold it: their attributes are the keys, told in docstrings."""
     yield from meaning("bench", "about").strip().splitlines()
-    yield from ("", "| key | keys in it | meaning |", "|---|---|---|")
+    yield from ("", "| key | type | unit | meaning |", "|---|---|---|---|")
     inner = {"plan": Plan, "machine": Machine, "kernels": KernelSpeed, "steps": StepSpeed, "growth": Growth}
     inner["start_up"] = StartUp
     for name in ("format", "version", *(field.name for field in fields(Speed))):
-        keys = ", ".join(f"`{field.name}`" for field in fields(inner[name])) if name in inner else ""
-        yield f"| `{name}` | {keys} | {meaning('bench', name)} |"
+        several = str(Speed.__annotations__.get(name, "")).startswith("tuple")
+        kind = "" if name in inner else {"format": "text", "version": "whole number"}.get(name, "number")
+        yield f"| `{name}` | {kind} | {'s' if name == 'seconds' else ''} | {meaning('bench', name)} |"
+        for key, kind, told in _attributes(inner[name]) if name in inner else ():
+            unit = _unit(key)
+            yield f"| `{name}{'[]' * several}.{key}` | {kind} | {unit} | {told} |"
+
+
+def _attributes(kind: type) -> Iterator[tuple[str, str, str]]:
+    """Name, type in words and meaning of a dataclass's attributes, as its docstring has them."""
+    words = {"int": "whole number", "float": "number", "str": "text", "bool": "true or false"}
+    entries = re.findall(r"^(\w+) : .*\n((?: {4}.*\n?)+)", inspect.getdoc(kind) or "", re.M)
+    told = {name: " ".join(text.split()).rstrip(".").replace("``", "`") for name, text in entries}
+    for field in fields(kind):
+        if field.name not in told:
+            raise Missing(f"{kind.__name__}: no line for {field.name} in its docstring")
+        plain, null = str(field.type).removesuffix(" | None"), str(field.type).endswith(" | None")
+        own = words.get(plain.partition("[")[2].partition(",")[0].rstrip("]") or plain, "table")
+        shown = (
+            f"list of {own}s" if plain.startswith("tuple") else "table" if plain.startswith("dict") else own
+        )
+        meaning = told[field.name].replace("None", "null")
+        yield field.name, f"{shown} or null" if null else shown, meaning[:1].lower() + meaning[1:]
+
+
+def _unit(key: str) -> str:
+    """Of a key of `bench --json`, by its end."""
+    if "_per_" in key:
+        return {"ns_per_unit": "ns", "steps_per_s": "1/s"}[key]
+    units = {"s": "s", "seconds": "s", "ms": "ms", "us": "us", "mb": "MB", "gb": "GB", "m": "m"}
+    return units.get(key.rpartition("_")[2], "") if "_" in key or key == "seconds" else ""
 
 
 def _h5(layout: Layout) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -12,10 +12,19 @@ from gridslam.errors import InputError
 from gridslam.quantity import Quantity
 from gridslam.world.start import How
 
-Kind = Literal["number", "whole number", "true or false", "text", "list of text", "two numbers"]
+Kind = Literal[
+    "number", "whole number", "true or false", "text", "list of text", "two numbers", "list of numbers",
+    "lists of numbers", "table", "list",
+]  # fmt: skip
 TYPES: dict[str, type | tuple[type, ...]] = {
-    "number": (int, float), "whole number": int, "true or false": bool, "text": str,
+    "number": (int, float), "whole number": int, "true or false": bool, "text": str, "table": dict,
+    "list": list,
 }  # fmt: skip
+PARTS: dict[str, Kind] = {
+    "list of text": "text", "two numbers": "number", "list of numbers": "number",
+    "lists of numbers": "list of numbers",
+}  # fmt: skip
+"""What lists hold."""
 ROUNDING = 1e-9
 
 
@@ -38,19 +47,20 @@ class Entry(Quantity):
         """Which values, in words."""
         if self.words:
             return ", ".join(f"`{word}`" for word in self.words)
-        return super().allowed if self.kind in ("number", "whole number", "two numbers") else self.kind
+        return super().allowed if "number" in self.kind else self.kind
 
     def fits(self, value: Any) -> bool:
         """Whether it may be this value, which isn't null."""
-        if self.kind == "list of text":
-            return isinstance(value, list) and all(isinstance(item, str) for item in value)
-        if self.kind == "two numbers":
-            one = replace(self, kind="number")
-            return isinstance(value, list) and len(value) == 2 and all(one.fits(item) for item in value)
+        if self.kind in PARTS:
+            one = replace(self, kind=PARTS[self.kind])
+            whole = isinstance(value, list) and (self.kind != "two numbers" or len(value) == 2)
+            return whole and all(
+                one.fits(item) or (item is None and self.kind == "list of numbers") for item in value
+            )
         right = isinstance(value, TYPES[self.kind]) and isinstance(value, bool) == (
             self.kind == "true or false"
         )
-        if not right or self.kind in ("text", "true or false"):
+        if not right or "number" not in self.kind:
             return right and (not self.words or value in self.words)
         slack = ROUNDING if self.kind == "number" else 0
         return bool(np.isfinite(value)) and self.least - slack <= value <= self.most + slack
@@ -229,13 +239,15 @@ def hold(summary: Mapping[str, Any], where: str) -> None:
         raise InputError(f"{where}: {key}", f"{value!r}"[:60], allowed)
 
 
-def told(summary: Mapping[str, Any]) -> Iterator[tuple[str, Any, Entry | dict[str, Any] | None]]:
+def told(
+    summary: Mapping[str, Any], entries: Iterable[Entry] = SUMMARY
+) -> Iterator[tuple[str, Any, Entry | dict[str, Any] | None]]:
     """All keys of a summary with their values, and what is described of them.
 
     That is an `Entry`, a dictionary of those of a table where there is none, or None.
     """
     tree: dict[str, Any] = {}
-    for one in SUMMARY:
+    for one in entries:
         *above, last = one.name.split(".")
         place = tree
         for part in above:

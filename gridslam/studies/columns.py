@@ -1,11 +1,13 @@
-"""What the tables of a study hold: their columns, with types, units, ranges and meanings."""
+"""What the files of a study hold: keys and columns, with types, units, ranges and meanings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
 
-from gridslam.runs.summary import AGENT, NETWORK, Entry
+import numpy as np
+
+from gridslam.runs.summary import AGENT, NETWORK, Entry, Kind
 
 NEVER, NO_BOUND, NO_HEADING, NO_SURFACES = (
     "never", "no bound counts what was heard", "nothing tells the heading", "a method that maps none"
@@ -34,6 +36,60 @@ def _flat(scores: Iterable[Entry], first: str = "") -> tuple[Entry, ...]:
     return tuple(replace(one, name=first + one.name.replace(".", "_")) for one in scores)
 
 
+def _text(name: str, meaning: str, without: str = NEVER) -> Entry:
+    return Entry(name, "1", meaning, without, kind="text")
+
+
+HEAD = (
+    replace(_text("format", "what it is"), words=("gridslam-study",)),
+    _count("version", "of this format"),
+    _text("gridslam", "version of the program"),
+    Entry("scenes", "1", "scenes as TOML, whole", NEVER, kind="list of text"),
+    Entry("settings", "1", "keys of the scene file that were varied, each with its values", NEVER,
+          kind="list"),
+    Entry("agents", "1", "agents that were asked for; empty for all", NEVER, kind="list of text"),
+    replace(_text("start", "what agents were told of their start"), words=("drawn", "exact")),
+)  # fmt: skip
+"""Of the first line of ``study.jsonl``."""
+
+
+def _by_step(name: str, unit: str, meaning: str, several: bool = False) -> Entry:
+    kind: Kind = "lists of numbers" if several else "list of numbers"
+    return Entry(f"agents.NAME.steps.{name}", unit, meaning, "what there isn't", 0, kind=kind)
+
+
+RECORD = (
+    _text("key.scene", "name of the scene"),
+    _text("key.hash", "beginning of the SHA-256 of its settings"),
+    Entry("key.settings", "1", "the settings that were varied", NEVER, kind="table"),
+    _text("key.method", "as `--method` takes it"),
+    _count("key.seed", "of measurements, starts and filter"),
+    Entry("key.agents", "1", "agents in turn, each from the map that the one before it left", NEVER,
+          kind="list of text"),
+    replace(_text("key.start", "as in the first line"), words=("drawn", "exact")),
+    _text("key.gridslam", "version of the program"),
+    _number("agents.NAME.cost.seconds_per_step", "s", "as in `run.json`"),
+    _number("agents.NAME.cost.peak_memory_mb", "MB", "as in `run.json`"),
+    Entry("agents.NAME.scores", "1", "as `agents.NAME` in `run.json`, without these two", NEVER,
+          kind="table"),
+    _by_step("position_error_m", "m", "by step, in single precision, as all that follow"),
+    replace(_by_step("heading_error_rad", "rad", "error of the heading, with its sign"),
+            least=-np.pi, most=np.pi),
+    _by_step("position_nees", "1", "squared position error in units of the claimed covariance"),
+    _by_step("heading_nees", "1", "the same of the heading"),
+    _by_step("position_claimed_m", "m", "standard deviation of the position that the filter claims"),
+    _by_step("surface_ospa_m", "m", "OSPA distance of found to true surfaces that paths had hit by then"),
+    _by_step("image_ospa_m", "m",
+             "the same of virtual anchors of the paths believed in, against those of the visible ones"),
+    _by_step("surfaces", "1", "surfaces found"),
+    _by_step("surface_error_m", "m",
+             "by true surface: how far off the found one is that the best assignment gives it; null where"
+             " that gives none within 5 m", several=True),
+    _by_step("rays", "1", "by anchor: paths that were believed in", several=True),
+    _by_step("ray_belief", "1", "by anchor: sum of their probabilities", several=True),
+    Entry("network", "1", "as in `run.json`, of several agents at once", "agents in turn", kind="table"),
+)  # fmt: skip
+"""Of each other line."""
 WHO = tuple(
     Entry(name, "1", meaning, NEVER, kind="text")
     for name, meaning in (
