@@ -1,39 +1,35 @@
 """Write the pages of the reference that follow from the code: `python docs/generate.py`.
 
-`scene-file.md` comes from the types of scenes, `file-formats.md` from the columns that tables are held to
-(gridslam/world/columns.py) and files that a small run writes, and
-`methods.md` from the registry, so that none can say what isn't so; a test compares them with those committed.
-What keys mean is in gridslam/world/scene_keys.toml, what datasets and methods are in docs/formats.toml.
+`scene-file.md` comes from the types of scenes, `file-formats.md` from the descriptions that writers and
+readers of files go by, and `methods.md` from the registry, so that none can say what isn't so; a test
+compares them with those committed. What keys of scenes mean is in gridslam/world/scene_keys.toml, what files
+and methods are in docs/formats.toml.
 """
 
 from __future__ import annotations
 
-import json
-import tempfile
+import inspect
+import re
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import fields, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
-import h5py
-import numpy as np
-
-import gridslam as gs
 from gridslam.bench.bench import Speed, StepSpeed
 from gridslam.bench.growth import Growth
 from gridslam.bench.kernels import KernelSpeed
 from gridslam.bench.plan import Plan
 from gridslam.bench.start import Machine, StartUp
-from gridslam.estimate_tables import FeatureEstimate
-from gridslam.runs.network_files import clock_files
-from gridslam.runs.run_files import write_run
-from gridslam.simulation.network import simulate_network
-from gridslam.studies.batches import batches
-from gridslam.studies.study import Study, run_study
-from gridslam.studies.tables import write_tables
+from gridslam.io.datasets import Layout
+from gridslam.maps.map_datasets import MAP
+from gridslam.measurements.datasets import MEASUREMENTS, RECORDING
+from gridslam.runs.network_files import CLOCKS
+from gridslam.runs.step_datasets import ALL_STEPS
+from gridslam.runs.summary import SUMMARY, Entry
+from gridslam.studies.columns import HEAD, RECORD, RUNS, STEPS
+from gridslam.studies.columns import SUMMARY as TOTALS
 from gridslam.systems.registry import METHODS
-from gridslam.world.columns import BY_NAME, TABLE
+from gridslam.world.columns import TABLE
 from gridslam.world.scene_reference import keys
 
 DOCS = Path(__file__).resolve().parent
@@ -46,25 +42,12 @@ class Missing(KeyError):
 
 def meaning(of: str, key: str) -> str:
     """What a key of a table in formats.toml means."""
-    table, _, name = key.rpartition("/")
-    if of == "measurements.h5" and table == "measurements" and name in BY_NAME:
-        return BY_NAME[name].meaning
-    told = MEANINGS["h5"].get(of) or MEANINGS[of]
+    told = MEANINGS[of]
     if key not in told:
         raise Missing(f"docs/formats.toml: no line for {key!r} of {of}; add it, then python docs/generate.py")
     return str(told[key])
 
 
-LETTERS = {
-    "measurements": "M",
-    "paths": "L",
-    "surfaces": "S",
-    "hypotheses": "H",
-    "steps": "N",
-    "truth": "N",
-    "features": "F",
-}
-"""Sizes that differ from file to file, by the group that has them."""
 COLUMNS = ("key", "unit", "default", "allowed", "meaning")
 ALIKE = {
     ("[anchors]", "array"): "radio.array",
@@ -72,18 +55,6 @@ ALIKE = {
     ("[agents]", "clock"): "anchors.clock",
 }
 """Tables that are described elsewhere."""
-SCENE = """
-name = "small"
-grid = { x_m = [-4.8, 4.8], y_m = [-3.8, 3.8], cell_m = 0.2 }
-filter = { particles = 100 }
-radio = { frequencies = 8, frequency_step_hz = 1.0e7, array = { rows = 1, columns = 4 } }
-anchors = [{ name = "A", position_m = [-3.1, 2.2] }, { name = "B", position_m = [2.9, -2.3] }]
-agents = [{ name = "agent1", start_m = [-2.0, -1.4], waypoints_m = [[0.7, -1.4]], steps = 5 }]
-[[walls]]
-material = "concrete"
-points_m = [[-4.0, -3.0], [4.0, -3.0], [4.0, 3.0], [-4.0, 3.0]]
-closed = true
-"""
 
 
 def scene_page() -> str:
@@ -130,18 +101,14 @@ def methods_page() -> str:
 def formats_page() -> str:
     """The reference of the files that gridslam writes and reads."""
     lines = ["# File formats", "", *MEANINGS["page"]["formats"].strip().splitlines()]
-    with tempfile.TemporaryDirectory(prefix="gridslam-docs-") as place:
-        folder = _written(Path(place))
-        lines += ["", "## `measurements.csv`", "", *_rows()]
-        for name in ("measurements.h5", "map.h5", "steps.h5", "signal.h5"):
-            lines += ["", f"## `{name}`", "", *_h5(folder / "agent1" / name)]
-        network = _network(Path(place))
-        lines += ["", "## `clocks.h5`", "", *_h5(network / "clocks.h5")]
-        lines += ["", "## `run.json`", "", *_json(folder), *_of_network(network)]
-        study = _studied(Path(place))
-        lines += ["", "## `study.jsonl`", "", *_results(study / "study.jsonl")]
-        for name in ("runs.csv", "steps.csv", "summary.csv"):
-            lines += ["", f"## `{name}`", "", *_columns(study / name)]
+    lines += ["", "## `measurements.csv`", "", *_rows()]
+    for layout in (MEASUREMENTS, MAP, ALL_STEPS, RECORDING, CLOCKS):
+        lines += ["", f"## `{layout.file}`", "", *_h5(layout)]
+    lines += ["", "## `run.json`", "", *meaning("run.json", "about").strip().splitlines(), *_entries(SUMMARY)]
+    lines += ["", "## `study.jsonl`", "", *meaning("study.jsonl", "about").strip().splitlines()]
+    lines += [*_entries(HEAD, "key of the first line"), *_entries(RECORD, "key of each other line")]
+    for name, columns in (("runs.csv", RUNS), ("steps.csv", STEPS), ("summary.csv", TOTALS)):
+        lines += ["", f"## `{name}`", "", *_columns(name, columns)]
     lines += ["", "## `bench --json`", "", *_bench()]
     for name, told in MEANINGS["others"].items():
         lines += ["", f"## `{name}`", "", *told.strip().splitlines()]
@@ -159,155 +126,80 @@ def _rows() -> Iterator[str]:
     yield f"| `agent` | name | one agent | the scene's names | {meaning('measurements.csv', 'agent')} |"
 
 
-def _written(place: Path) -> Path:
-    """Files of a small run."""
-    scene = gs.Scene.from_toml(SCENE, "small")
-    heard = gs.simulate(scene, "agent1", seed=1)
-    run = gs.map_scene(scene, heard, seed=1)
-    write_run(place / "run", scene, [run], [heard], [run.score(gs.ground_truth(scene, "agent1"))], {})
-    one, point = np.ones(1), np.zeros((1, 2))
-    whole = np.ones(1, np.int64)
-    learned = FeatureEstimate(
-        identity=whole, anchor=whole, anchor_m=point, position_m=point, bias_m=one, variance=one, noise=one,
-        covariance=np.ones((1, 4, 4)), kind=whole, steps_seen=whole, last_step=whole,
-    )  # fmt: skip
-    both = replace(run.map, features=learned, feature_covariance=np.eye(3))
-    both.save(place / "run" / "agent1" / "map.h5")
-    gs.simulate(scene, "agent1", seed=1, what="signal").to_h5(place / "run" / "agent1" / "signal.h5")
-    return place / "run"
-
-
-def _network(place: Path) -> Path:
-    """Files of a small run of several agents with clocks."""
-    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
-    brief = {**whole, "agents": [{**agent, "steps": 3} for agent in whole["agents"][:2]]}
-    scene = gs.Scene.checked({**brief, "filter": {**whole["filter"], "particles": 100}}, "small")
-    heard, truth = simulate_network(scene, [agent.name for agent in scene.agents], 1)
-    done = gs.map_network(scene, heard, seed=1)
-    runs, more = list(done.runs.values()), clock_files(done.clocks, heard.clocks)
-    settings = {"network": done.score(truth.clocks, truth)}
-    scores, parts = [run.score() for run in runs], [heard[run.agent] for run in runs]
-    write_run(place / "network", scene, runs, parts, scores, settings, more=more)
-    return place / "network"
-
-
-class _Here:
-    """Workers in this process."""
-
-    def run(self, work: Callable[..., Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """Each task in turn."""
-        yield from enumerate(map(work, tasks))
-
-
-def _studied(place: Path) -> Path:
-    """Files of a study of two runs."""
-    scene = gs.Scene.from_toml(SCENE, "small")
-    outcome = run_study(Study((scene,), seeds=(1, 2)), place / "study", _Here())
-    write_tables(place / "study", batches(outcome))
-    return place / "study"
-
-
-def _table(head: str, of: str, names: Iterable[str], shown: str = "{}") -> Iterator[str]:
-    yield from ("", f"| {head} | meaning |", "|---|---|")
-    for name in names:
-        yield f"| `{shown.format(name)}` | {meaning(of, name)} |"
-
-
-def _of_network(folder: Path) -> Iterator[str]:
-    whole = json.loads((folder / "run.json").read_text(encoding="utf-8"))["network"]
-    for key in whole:
-        yield f"| `network.{key}` | {meaning('run.json', f'network.{key}')} |"
-
-
-def _results(path: Path) -> Iterator[str]:
-    yield from meaning("study.jsonl", "about").strip().splitlines()
-    head, first, *_ = map(json.loads, path.read_text(encoding="utf-8").splitlines())
-    yield from _table("key of the first line", "study.jsonl", head)
-    inner = [f"key.{name}" for name in first["key"]]
-    own = first["agents"]["agent1"]
-    inner += [f"agents.NAME.{name}" for name in own if name != "steps"]
-    inner += [f"agents.NAME.steps.{name}" for name in own["steps"]]
-    yield from _table("key of each other line", "study.jsonl", inner)
-
-
-def _columns(path: Path) -> Iterator[str]:
-    """Columns of a table; those that are scores mean what they mean in run.json."""
-    yield from meaning(path.name, "about").strip().splitlines()
-    yield from ("", "| column | meaning |", "|---|---|")
-    for name in path.read_text(encoding="utf-8").splitlines()[0].split(","):
-        part, _, rest = name.partition("_")
-        score = f"agents.{part}.{rest}" if part in ("map", "health") else f"agents.{name}"
-        own = MEANINGS[path.name].get(name)
-        yield f"| `{name}` | {own or meaning('run.json', score)} |"
+def _columns(name: str, columns: Iterable[Entry]) -> Iterator[str]:
+    """Columns of a study's table, as they are described."""
+    yield from meaning(name, "about").strip().splitlines()
+    yield from _entries(columns, "column", "empty")
 
 
 def _bench() -> Iterator[str]:
+    """What was measured, by the types that hold it: their attributes are the keys, told in docstrings."""
     yield from meaning("bench", "about").strip().splitlines()
-    yield from ("", "| key | keys in it | meaning |", "|---|---|---|")
+    yield from ("", "| key | type | unit | meaning |", "|---|---|---|---|")
     inner = {"plan": Plan, "machine": Machine, "kernels": KernelSpeed, "steps": StepSpeed, "growth": Growth}
     inner["start_up"] = StartUp
     for name in ("format", "version", *(field.name for field in fields(Speed))):
-        keys = ", ".join(f"`{field.name}`" for field in fields(inner[name])) if name in inner else ""
-        yield f"| `{name}` | {keys} | {meaning('bench', name)} |"
+        several = str(Speed.__annotations__.get(name, "")).startswith("tuple")
+        kind = "" if name in inner else {"format": "text", "version": "whole number"}.get(name, "number")
+        yield f"| `{name}` | {kind} | {'s' if name == 'seconds' else ''} | {meaning('bench', name)} |"
+        for key, kind, told in _attributes(inner[name]) if name in inner else ():
+            unit = _unit(key)
+            yield f"| `{name}{'[]' * several}.{key}` | {kind} | {unit} | {told} |"
 
 
-def _h5(path: Path) -> Iterator[str]:
-    name = path.name
-    yield from meaning(name, "about").strip().splitlines()
-    with h5py.File(path) as file:
-        yield ""
-        yield f'Root attributes: `format = "{file.attrs["format"]}"`, `version = {file.attrs["version"]}`.'
-        yield ""
-        yield "| dataset or attribute | shape | type | unit | meaning |"
-        yield "|---|---|---|---|---|"
-        for key in sorted(set(file.attrs) - {"format", "version", "checksum"}):
-            yield f"| attribute `{key}` | | | | {meaning(name, f'@{key}')} |"
-        found: list[tuple[str, h5py.Dataset | h5py.Group]] = []
-        file.visititems(lambda path, item: found.append((path, item)))
-        for path, item in found:
-            for key in sorted(item.attrs):
-                if key != "unit":
-                    yield f"| `/{path}`, attribute `{key}` | | | | {meaning(name, f'{path}@{key}')} |"
-            if isinstance(item, h5py.Dataset):
-                kind = "text" if item.dtype.kind == "O" else str(item.dtype)
-                unit = {"1": "", "text": ""}.get(item.attrs["unit"], item.attrs["unit"])
-                cells = (f"`/{path}`", _shape(path, item.shape), kind, unit, meaning(name, path))
-                yield f"| {' | '.join(cells)} |"
+def _attributes(kind: type) -> Iterator[tuple[str, str, str]]:
+    """Name, type in words and meaning of a dataclass's attributes, as its docstring has them."""
+    words = {"int": "whole number", "float": "number", "str": "text", "bool": "true or false"}
+    entries = re.findall(r"^(\w+) : .*\n((?: {4}.*\n?)+)", inspect.getdoc(kind) or "", re.M)
+    told = {name: " ".join(text.split()).rstrip(".").replace("``", "`") for name, text in entries}
+    for field in fields(kind):
+        if field.name not in told:
+            raise Missing(f"{kind.__name__}: no line for {field.name} in its docstring")
+        plain, null = str(field.type).removesuffix(" | None"), str(field.type).endswith(" | None")
+        own = words.get(plain.partition("[")[2].partition(",")[0].rstrip("]") or plain, "table")
+        shown = (
+            f"list of {own}s" if plain.startswith("tuple") else "table" if plain.startswith("dict") else own
+        )
+        meaning = told[field.name].replace("None", "null")
+        yield field.name, f"{shown} or null" if null else shown, meaning[:1].lower() + meaning[1:]
 
 
-def _shape(path: str, shape: tuple[int, ...]) -> str:
-    """A shape with letters for sizes that differ from file to file."""
-    group, name = path.split("/")[0], path.rpartition("/")[2]
-    first = LETTERS.get(group, "")
-    if path in MEANINGS["shapes"]:
-        return str(MEANINGS["shapes"][path])
-    if group == "anchors":
-        first = "J"
-    elif name == "offset":
-        first = "N + 1"
-    elif group == "grid":
-        first = "K" if name.startswith("coefficient") else ""
-        if not first:
-            return "(ny, nx)"
-    if not first:
-        return f"({', '.join(map(str, shape))})"
-    tail = [str(size) for size in shape[1:]]
-    return f"({', '.join([first, *tail])}{',' if not tail else ''})"
+def _unit(key: str) -> str:
+    """Of a key of `bench --json`, by its end."""
+    if "_per_" in key:
+        return {"ns_per_unit": "ns", "steps_per_s": "1/s"}[key]
+    units = {"s": "s", "seconds": "s", "ms": "ms", "us": "us", "mb": "MB", "gb": "GB", "m": "m"}
+    return units.get(key.rpartition("_")[2], "") if "_" in key or key == "seconds" else ""
 
 
-def _json(folder: Path) -> Iterator[str]:
-    yield from meaning("run.json", "about").strip().splitlines()
-    yield ""
-    yield "| key | meaning |"
-    yield "|---|---|"
-    whole = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-    for key in whole:
-        yield f"| `{key}` | {meaning('run.json', key)} |"
-    for key, value in whole["agents"]["agent1"].items():
-        yield f"| `agents.NAME.{key}` | {meaning('run.json', f'agents.{key}')} |"
-        for inner in value if isinstance(value, dict) and key in ("map", "health") else ():
-            told = meaning("run.json", f"agents.{key}.{inner}")
-            yield f"| `agents.NAME.{key}.{inner}` | {told} |"
+def _h5(layout: Layout) -> Iterator[str]:
+    """Groups and datasets of an HDF5 file, as they are described to its writer and its reader."""
+    yield from meaning(layout.file, "about").strip().splitlines()
+    versions = " or ".join(map(str, layout.versions))
+    yield from ("", f'Root attributes: `format = "{layout.kind}"`, `version = {versions}`.', "")
+    absent = [f"`/{group.name}`: {group.absent}" for group in layout.groups if group.absent]
+    if absent:
+        yield from (f"What a file without a group means: {'; '.join(absent)}.", "")
+    yield "| dataset or attribute | shape | type | unit | default | allowed | meaning |"
+    yield "|---|---|---|---|---|---|---|"
+    for group in layout.groups:
+        for one in group.datasets:
+            path = f"{group.name}/{one.name}".replace("/@", "@") if group.name else one.name
+            name, _, attribute = path.partition("@")
+            shown = f"`/{name}`, attribute `{attribute}`" if attribute else f"`/{name}`"
+            shown = shown.removeprefix("`/`, ")
+            shape = f"({one.shape}{'' if ', ' in one.shape else ','})" if one.shape else ""
+            cells = shown, shape, one.kind, one.shown_unit, one.default, one.allowed, one.meaning
+            yield f"| {' | '.join(cells)} |"
+
+
+def _entries(entries: Iterable[Entry], what: str = "key", empty: str = "null, or missing") -> Iterator[str]:
+    """Keys of run.json or columns, as they are described to those who write and check them."""
+    yield from ("", f"| {what} | type | unit | {empty} | allowed | meaning |", "|---|---|---|---|---|---|")
+    for one in entries:
+        allowed = "" if one.allowed == one.kind else one.allowed
+        cells = f"`{one.name}`", one.kind, one.shown_unit, one.default, allowed, one.meaning
+        yield f"| {' | '.join(cells)} |"
 
 
 PAGES = {"scene-file.md": scene_page, "file-formats.md": formats_page, "methods.md": methods_page}

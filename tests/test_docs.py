@@ -155,7 +155,6 @@ def test_picture_of_the_architecture_shows_the_floors_that_are_tested():
     assert [" ".join(floors[y]) for y in sorted(floors)] == list(FLOORS)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("page", ["scene-file.md", "file-formats.md", "methods.md"])
 def test_generated_page_is_the_one_that_is_committed(page):
     """If it isn't: `python docs/generate.py` (and a line on what is new, where it says so)."""

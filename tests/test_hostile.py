@@ -8,6 +8,7 @@ import json
 import h5py
 import numpy as np
 import pytest
+from described_files import FILES, LAYOUTS
 from hostile import CASES, FEWER, FEWEST, damaged, harmless, retold
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -157,6 +158,36 @@ def test_h5_of_other_content(tmp_path, good, swaps):
         for name, kind in swaps.items():
             put_odd(file["measurements"], name, kind)
     harmless(describe, path, sealed(path))
+
+
+PLACES = [
+    (name, f"{group.name}/{one.name}".strip("/"))
+    for name, layout in LAYOUTS.items()
+    for group in layout.groups
+    for one in group.datasets
+    if "@" not in one.name
+]
+"""Datasets of maps, steps, signals, clocks and measurements."""
+
+
+@pytest.fixture(scope="module")
+def described(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("described")
+    for name, (_, write, _) in FILES.items():
+        write(folder / f"{name}.h5")
+    return folder
+
+
+@pytest.mark.slow
+@FEWER
+@given(where=st.sampled_from(PLACES), kind=st.sampled_from([*ODD]))
+def test_described_files_of_other_content(tmp_path, described, where, kind):
+    name, place = where
+    path = tmp_path / "a.h5"
+    path.write_bytes((described / f"{name}.h5").read_bytes())
+    with h5py.File(path, "r+") as file:
+        put_odd(file, place, kind)
+    harmless(FILES[name][2], path, sealed(path))
 
 
 @pytest.mark.slow

@@ -48,22 +48,25 @@ class StepSpeed:
 
     Attributes
     ----------
-    method, scene : str
+    method : str
+        Whose steps.
+    scene : str
+        On which scene.
     particles : int
-        Of the scene's filter settings, whether a method uses them or not.
+        Those of the scene's filter settings, whether a method uses them or not.
     first : int
         Number of the first step that was timed.
     step_ms : float
-        Median.
+        Median time of a step.
     steps_per_s : float
         ``1000 / step_ms``.
     cpu_ms : float
         Median of what all threads together computed: above `step_ms` where they share the work (or wait
         busily), below it where other programs held the cores.
     peak_memory_mb : float
-        Of the process, while these steps ran.
+        Memory of the process, while these steps ran.
     stages_ms : dict
-        Milliseconds per step by stage; the last steps of the run, which are watched. Of a method that isn't
+        Time per step by stage; the last steps of the run, which are watched. Of a method that isn't
         built of our stages, one stage holds all.
     not_kernel_share : float
         Share of those steps that isn't a kernel; launches aren't.

@@ -26,16 +26,20 @@ class Growth:
     Attributes
     ----------
     of : str
+        What grows, as "particles" or "steps".
     size : tuple of float
         How much of it there was, on average.
     seconds : tuple of float
-        Of a step (median); of the whole run where `of` is "steps".
+        Time of a step (median); of the whole run where `of` is "steps".
     cpu_s : tuple of float
         The same of what all threads together computed: other programs disturb it less.
     peak_memory_mb : tuple of float
-    exponent, cpu_exponent : float or None
-        Slopes of straight lines through the logarithms of `seconds` and `cpu_s`; None for less than two
-        sizes, or where the clock ticks too slowly to tell.
+        Memory of the process, while that ran.
+    exponent : float or None
+        Slope of a straight line through the logarithms of `seconds`; None for less than two sizes, or where
+        the clock ticks too slowly to tell.
+    cpu_exponent : float or None
+        The same of `cpu_s`.
     """
 
     of: str

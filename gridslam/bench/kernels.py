@@ -31,21 +31,27 @@ class KernelSpeed:
 
     Attributes
     ----------
-    name, scene, unit : str
-        The scene in which the case was taken, and what is counted: "path-particle", "cell visit", "path-ray",
-        "path", "pair", "sample", "measurement", "cell", "entry".
+    name : str
+        What the kernel is called here.
+    scene : str
+        In which the case was taken.
+    unit : str
+        What is counted: "path-particle", "cell visit", "path-ray", "path", "pair", "sample", "measurement",
+        "cell", "entry".
     units : int
         How many of them the case has.
-    kernel_s, twin_s : float
-        Medians, s.
+    kernel_s : float
+        Median time of the kernel.
+    twin_s : float
+        Median time of its twin.
     kernel_best_s : float
-        Shortest of all repeats, s.
+        Shortest of the kernel's repeats.
     ratio : float
         ``twin_s / kernel_s``.
     ns_per_unit : float
-        Of the kernel, launch included.
+        Time of the kernel, launch included.
     launch_us : float
-        Of a launch with nothing to do.
+        Time of a launch with nothing to do.
     """
 
     name: str

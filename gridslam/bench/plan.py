@@ -12,35 +12,43 @@ class Plan:
     Attributes
     ----------
     particles : tuple of int
-        Of the whole steps on `alcove`.
+        Those of the whole steps on `alcove`.
     canyon : int
         Particles on `canyon`.
-    before, timed, watched : int
-        Steps before anything is timed, steps of which the median is taken, steps that are split by stage.
+    before : int
+        Steps before anything is timed.
+    timed : int
+        Steps of which the median is taken.
+    watched : int
+        Steps that are split by stage.
     later : int
         Steps before `canyon` is timed once more, when most of its surfaces are known.
-    kernel_particles, kernel_before : int
-        Particles and steps at which the kernels' cases are taken.
+    kernel_particles : int
+        Particles at which the kernels' cases are taken.
+    kernel_before : int
+        Steps after which they are.
     kernel_s : float
         Seconds of repeats for each kernel, and each twin.
     growth_particles : int
-        At which the growth in everything else is measured.
+        Particles at which the growth in everything else is measured.
     surfaces : tuple of int
-        Sides of the polygons.
-    false_alarms, cell_m : tuple of float
-        Per anchor and step; m.
+        Sides of the polygons in which growth with surfaces is measured.
+    false_alarms : tuple of float
+        Clutter per anchor and step.
+    cell_m : tuple of float
+        Sides of cells.
     hypotheses : tuple of int
-        Stepped at `kernel_particles` (of one; several have fewer each).
+        How many are stepped at `kernel_particles` (of one; several have fewer each).
     steps : tuple of int
         Lengths of a run.
     repeats : int
-        Of the start-ups.
+        How often a process is started.
     paths : int
-        Superposed at once, of sampled signals; what their twins take grows with it.
+        How many are superposed at once, of sampled signals; what their twins take grows with it.
     features : tuple of int
         Numbers of learned features.
     feature_particles : int
-        At which their kernels are timed.
+        Particles at which their kernels are timed.
     """
 
     particles: tuple[int, ...] = (1_000, 3_000, 10_000, 30_000, 60_000)

@@ -55,11 +55,13 @@ class StartUp:
     Attributes
     ----------
     import_s : float
-        ``import gridslam`` in a running interpreter, median, s.
+        Median time of ``import gridslam`` in a running interpreter.
     import_starts_taichi : bool
         Whether that import brings Taichi along.
-    cold_s, warm_s : float
-        From the command ``gridslam run room`` to its first step, without and with compiled kernels, s.
+    cold_s : float
+        Time from the command ``gridslam run room`` to its first step, without compiled kernels.
+    warm_s : float
+        The same with compiled kernels.
     """
 
     import_s: float
@@ -74,18 +76,24 @@ class Machine:
 
     Attributes
     ----------
-    cpu, system, python : str
+    cpu : str
+        Processor.
+    system : str
+        Operating system.
+    python : str
+        Version of Python.
     cores : int
-        Logical ones that this process may use.
+        Logical cores that this process may use.
     memory_gb : float
+        Memory of the machine.
     load : float or None
         Mean number of running processes in the minute before, where the system tells.
     device : str
-        On which the kernels really ran.
+        Where the kernels really ran.
     threads : int
-        Of the kernels, on a CPU.
+        Threads of the kernels, on a CPU.
     versions : dict
-        Of the packages that matter.
+        Versions of the packages that matter.
     """
 
     cpu: str

@@ -87,13 +87,14 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     offset_m = offset_allowed_m(scene, agent) if scene is not None else 0.0
     loose = offset_m > TOLD_APART_M
     # by a radio that can't be meant, or clocks that may be off by so much, nothing else is told
-    found = suspicions(columns, names, None if odd or loose else scene, agent, degrees)
+    numbers = Path(path).suffix.lower() == ".mat"
+    found = suspicions(columns, names, None if odd or loose else scene, agent, degrees, numbers)
     lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
     lines += elevations.remarks(columns, scene, agent)
     refused = [item for item in found if item.kind == "missing"]  # by `run`, too
     lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
-    if repeated := repeats_line(columns):
-        lines.append(f"suspect: {repeated}")
+    for line in (repeats_line(columns), time_units.strides_line(columns["step"])):
+        lines += [f"suspect: {line}"] if line else []
     try:
         whole = Measurements.load(path, pseudo=offset_m > 0)
         lines[0] += "" if whole.truth is None else ", true track known"
@@ -106,7 +107,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
             f"{HELD_OFFSETS} up to {offset_m:.0f} m, so that lines of sight aren't judged by their lengths"
         )
     elif scene is not None and not (found or odd or any(line.startswith("refused: ") for line in lines)):
-        place = _anchors(names, scene)
+        place = _anchors(names, scene, numbers)
         who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
         lines.append(verdict(columns, place, scene, who))
     return lines
@@ -165,10 +166,12 @@ def suspicions(
     scene: Scene | None = None,
     agent: str | None = None,
     in_degrees: dict[str, str] | None = None,
+    numbers: bool = False,
 ) -> list[Suspicion]:
     """Find what is probably wrong with a table; without a scene only what the numbers alone show.
 
-    `in_degrees` holds what columns of angles are called in a file where they are degrees.
+    `in_degrees` holds what columns of angles are called in a file where they are degrees; `numbers` says
+    whether anchors may be numbered instead of named.
 
     Raises
     ------
@@ -184,14 +187,17 @@ def suspicions(
     if not len(finite(columns, "distance_m")) and "distance" in scene.radio.measures:
         text = "not measured, though the scene's radio.measures has it; nothing can be mapped without"
         found.append(Suspicion("distance_m", "missing", text, True, "no row has one"))
-    place = _anchors(names, scene)
+    place = _anchors(names, scene, numbers)
     if place is None and (place := _anchors(names, scene, folded=True)) is not None:
         allowed = ", ".join(scene.anchor_names)
         text = f"names that are the scene's ({allowed}) but for upper and lower case"
         found.append(Suspicion("anchor", "case", text, True, f"found {', '.join(names)}"))
     if place is None:
         allowed = ", ".join(scene.anchor_names)
-        text = f"names that aren't the scene's ({allowed})"
+        kind = (
+            "numbers that aren't names of the scene" if _numbered(names) else "names that aren't the scene's"
+        )
+        text = f"{kind} ({allowed})"
         return [*found, Suspicion("anchor", "anchors", text, True, f"found {', '.join(names)}")]
     table = columns | {"anchor": place[columns["anchor"]]}
     who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
@@ -202,8 +208,13 @@ def suspicions(
     return found if named else [*found, *(beyond_radio(table, scene) or too_exact(table, scene))]
 
 
-def _anchors(names: tuple[str, ...], scene: Scene, folded: bool = False) -> NDArray[np.intp] | None:
-    """Which of the scene's anchors each name stands for, upper and lower case alike if `folded`."""
+def _anchors(
+    names: tuple[str, ...], scene: Scene, numbers: bool = False, folded: bool = False
+) -> NDArray[np.intp] | None:
+    """Which of the scene's anchors each name stands for; `folded`: upper and lower case alike.
+
+    Of files that number anchors, as MATLAB's may, `numbers` stand for them in the scene's order.
+    """
     known = scene.anchor_names
     if folded:
         names, known = tuple(name.casefold() for name in names), tuple(name.casefold() for name in known)
@@ -211,5 +222,9 @@ def _anchors(names: tuple[str, ...], scene: Scene, folded: bool = False) -> NDAr
             return None
     if all(name in known for name in names):
         return np.array([known.index(name) for name in names], dtype=np.intp)
-    numbered = all(name == str(number + 1) for number, name in enumerate(names))
-    return np.arange(len(names)) if numbered and len(names) <= len(known) else None
+    return np.arange(len(names)) if numbers and _numbered(names) and len(names) <= len(known) else None
+
+
+def _numbered(names: tuple[str, ...]) -> bool:
+    """Whether names are numbers from 1 on."""
+    return sorted(names) == sorted(str(number + 1) for number in range(len(names)))

@@ -65,7 +65,7 @@ def describe_signal(
         Not a file of sampled signals at all, or no such agent.
     """
     with located(path):
-        raw = read_mat_signal(path) if Path(path).suffix.lower() == ".mat" else read_signal(path)
+        raw = read_mat_signal(path) if Path(path).suffix.lower() == ".mat" else read_signal(path, False)
     samples = np.asarray(raw["samples"])
     samples = samples[:, :, None, None] if samples.ndim == 3 else samples
     lines = [_summary(raw, samples)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.checks.handovers import LEAST_SIGHTS, Ties
 from gridslam.checks.line_of_sight_filter import Sight
@@ -18,6 +19,8 @@ LONG_S, LEAST_MPS, LEAST_WAY_M = 10.0, 0.01, 1.0
 """Interval and speed that make one doubt of seconds, and how far the agent must get to tell a speed."""
 MOST_MPS = 30.0
 """Speed from which on one doubts of seconds, too."""
+LEAST_STEPS = 10
+"""Steps from which on their numbers are asked what they count."""
 LEGS, FEW = 8, 3
 """Legs of the way by which a speed is told, at most, and positions in the middle of which each ends."""
 
@@ -34,6 +37,25 @@ def intervals(columns: Columns) -> list[str]:
     """The median interval between steps, as a line; nothing of a single step."""
     gap = _interval_s(columns)
     return [f"  time_s: median interval between steps {gap:.4g} s"] if gap > 0 else []
+
+
+def strides_line(step: NDArray[np.integer]) -> str | None:
+    """What to say of a table whose numbers of steps count something else; None of others.
+
+    Parameters
+    ----------
+    step : (K,) int
+    """
+    numbers = np.unique(step)
+    stride = int(np.gcd.reduce(np.diff(numbers))) if len(numbers) >= LEAST_STEPS else 1
+    if stride < 2:
+        return None
+    steps = int(numbers[-1] - numbers[0]) + 1
+    return (
+        f"step: numbers rise by {stride}, or multiples of it, from one to the next: "
+        f"{steps - len(numbers)} of {steps} steps are silent; number steps 0, 1, 2, ..., or leave the column "
+        "out: every time is a step then"
+    )
 
 
 def absurd_times(columns: Columns) -> list[Suspicion]:

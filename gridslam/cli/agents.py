@@ -30,7 +30,11 @@ def require_kind(measurements: Path | None, signal: Path | None, takes: Kind, me
     if measurements is not None and signal is not None:
         raise InputError("--signal", f"{signal} together with --measurements", "one of them")
     if signal is not None and takes == "paths":
-        way = f"--measurements FILE: gridslam extract {signal} -o FILE.csv makes it"
+        from gridslam.systems.registry import METHODS
+
+        ours = [one for one in METHODS.values() if one.takes == "signal" and one.maps]
+        able = ", ".join(one.name for one in ours if "-" not in one.name)
+        way = f"--method {able}, or --measurements FILE: gridslam extract {signal} -o FILE.csv makes it"
         if signal.suffix.lower() == ".csv":  # no samples are kept so
             way = f"--measurements {signal}"
         raise InputError("--signal", f"{signal}, with method {method!r}, which takes path measurements", way)

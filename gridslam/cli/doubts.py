@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gridslam.cli.run_end import busy
+from gridslam.cli.output import busy
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map

@@ -11,8 +11,9 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from gridslam.cli.help import LOOK, SCENES
+from gridslam.cli.help import LOOK
 from gridslam.cli.options import flag, map_in
+from gridslam.cli.output import busy
 from gridslam.errors import InputError, Note, located
 
 out = Console()
@@ -36,7 +37,6 @@ def register(app: typer.Typer) -> None:
     """Add the commands."""
     for command in (check, plot, export, fuse):
         app.command(rich_help_panel=LOOK)(command)
-    app.command(rich_help_panel=SCENES)(scenes)
 
 
 def check(
@@ -133,9 +133,10 @@ def export(
     try:  # all files or none: they are made aside and then moved
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
-        found.to_nav2(part, raw)
-        found.to_csv(part)
-        draw_export(found, part, raw)
+        with busy("writing and drawing the map"):
+            found.to_nav2(part, raw)
+            found.to_csv(part)
+            draw_export(found, part, raw)
         if found.surfaces is not None:
             write_surfaces(part / "surfaces.geojson", found.surfaces, found.wall_segments())
         if found.features is not None:
@@ -217,17 +218,10 @@ def plot(
 
     if form not in FORMATS:
         raise InputError("--format", repr(form), ", ".join(FORMATS))
-    for path in draw_all(directory, form=form, width=PAGE_IN if width is None else width / 2.54):
+    with busy("drawing figures"):
+        drawn = draw_all(directory, form=form, width=PAGE_IN if width is None else width / 2.54)
+    for path in drawn:
         _say(str(path))
-
-
-def scenes() -> None:
-    """List the bundled scenes."""
-    from gridslam.world.scene import Scene
-    from gridslam.world.scene_files import bundled_scenes
-
-    for name in bundled_scenes():
-        _say(f"{name}: {Scene.load(name).description}")
 
 
 def _say(text: str) -> None:

@@ -244,13 +244,23 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
 
 def hints(world: Scene, method: str, observations: Observations | None) -> list[str]:
     """What to say before a run: what a method doesn't use of what it gets, and which one is made for it."""
-    asked = simulation_hint, repeats_hint, angles_hint, samples_hint, elevations_hint, turn_hint
+    asked = (
+        simulation_hint, repeats_hint, strides_hint, angles_hint, samples_hint, elevations_hint, turn_hint,
+    )  # fmt: skip
     return [hint for one in asked if (hint := one(world, method, observations))]
 
 
 def simulation_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
     """What to say of a scene that is simulated: that it has no walls, or where they hide an anchor."""
     return simulation_note(world) if observations is None else None
+
+
+def strides_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
+    """What to say where numbers of steps count something else."""
+    from gridslam.checks.time_units import strides_line
+    from gridslam.measurements.table import Measurements
+
+    return strides_line(observations.step) if isinstance(observations, Measurements) else None
 
 
 def repeats_hint(world: Scene, method: str, observations: Observations | None) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +34,11 @@ def interruptible() -> Iterator[Termination]:
                 raise
             err.print(ended(termination))
             sys.exit(143)
+
+
+def busy(what: str) -> AbstractContextManager[object]:
+    """A sign of life on a terminal."""
+    return err.status(what) if err.is_terminal else nullcontext()
 
 
 def ended(termination: Termination) -> str:

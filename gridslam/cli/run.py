@@ -34,10 +34,10 @@ from gridslam.cli.observed import (
     suited_method,
     view_of,
 )
-from gridslam.cli.output import interruptible, reserved
+from gridslam.cli.output import busy, interruptible, reserved
 from gridslam.cli.resume import refuse_contradictions, unfinished
 from gridslam.cli.run_begin import map_before, tell
-from gridslam.cli.run_end import Done, busy, finish, go_on_later, judged
+from gridslam.cli.run_end import Done, finish, go_on_later, judged
 from gridslam.errors import InputError, renamed
 from gridslam.systems.registry import METHODS, method_class, taken_by
 

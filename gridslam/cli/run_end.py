@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rich.console import Console
 from rich.table import Table
 
-from gridslam.cli.output import ended, print_whole
+from gridslam.cli.output import busy, ended, print_whole
 from gridslam.errors import InputError
 from gridslam.wording import counted
 
@@ -99,11 +98,6 @@ class Done:
         cut = [f"cut short after {self.progress}"] if self.progress else []
         cut += [f"stopped in {self.lacks.at}: {self.lacks.what} left out"] if self.lacks else []
         return [*cut, *self.weighty, *self.before, *self.other]
-
-
-def busy(what: str) -> AbstractContextManager[object]:
-    """A sign of life on a terminal."""
-    return err.status(what) if err.is_terminal else nullcontext()
 
 
 def judged(

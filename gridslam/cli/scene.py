@@ -24,7 +24,17 @@ KINDS = "FILE.geojson, FILE.json or FILE.dxf (Inkscape saves an SVG drawing as D
 def register(app: typer.Typer) -> None:
     """Add the commands."""
     app.add_typer(scene_app, name="scene", rich_help_panel=SCENES)
+    app.command(rich_help_panel=SCENES)(scenes)
     app.command(rich_help_panel=LOOK)(report)
+
+
+def scenes() -> None:
+    """List the bundled scenes."""
+    from gridslam.world.scene import Scene
+    from gridslam.world.scene_files import bundled_scenes
+
+    for name in bundled_scenes():
+        _say(f"{name}: {Scene.load(name).description}")
 
 
 @scene_app.callback()

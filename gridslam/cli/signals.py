@@ -10,6 +10,7 @@ from rich.console import Console
 
 from gridslam.cli.help import MAP, SCENE_HELP, scene_names
 from gridslam.cli.options import flag, map_in
+from gridslam.cli.output import busy
 from gridslam.errors import InputError
 from gridslam.wording import counted
 
@@ -47,7 +48,8 @@ def extract(
     with new_file(output, overwrite) as part:
         world = Scene.load(scene) if scene is not None else None
         recording = Recording.load(file)
-        measurements = found_in(recording, world, false_alarms=false_alarms)
+        with busy("looking for paths"):
+            measurements = found_in(recording, world, false_alarms=false_alarms)
         (measurements.to_csv if output.suffix == ".csv" else measurements.to_h5)(part)
     snapshots = max(int(recording.heard.sum()), 1)
     size = f"{counted(len(measurements), 'step')}, {counted(len(measurements.step), 'path')}"
@@ -87,7 +89,8 @@ def calibrate(
     with new_file(output, overwrite) as part:
         world, recording = Scene.load(scene), Recording.load(file)
         earlier_map = None if prior is None else Map.load(prior)
-        found = errors_of(world, recording, earlier_map, agent, same_frame)
+        with busy("comparing with what is known"):
+            found = errors_of(world, recording, earlier_map, agent, same_frame)
         replace(recording, waveform=found.waveform).to_h5(part)
     lines = [f"wrote {output}: {counted(len(recording), 'step')}, array and pulse as found"]
     for n, (error, spread) in enumerate(zip(found.element_error_m, found.element_std_m, strict=True)):

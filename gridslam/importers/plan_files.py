@@ -69,6 +69,7 @@ def _picture(plan: Plan) -> bytes:
 def _draw(axes: Axes, plan: Plan) -> None:
     """Walls in the colours of their materials, anchors and start with the ways they face."""
     from matplotlib.collections import LineCollection
+    from matplotlib.patheffects import withStroke
 
     palette = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
     for number, (material, (value, _)) in enumerate(plan.materials.items()):
@@ -78,7 +79,11 @@ def _draw(axes: Axes, plan: Plan) -> None:
         axes.add_collection(LineCollection(walls, colors=palette[number % len(palette)], lw=1.4, label=label))
     for number, (px, py, facing) in enumerate(plan.anchors):
         axes.plot(px, py, "k^", ms=6, label="anchors" if number == 0 else None)
-        axes.annotate(letters(number), (px, py), (4, 4), textcoords="offset points", fontsize=8)
+        aside = -9 * np.array([np.cos(np.radians(facing)), np.sin(np.radians(facing))])  # off the arrow
+        axes.annotate(
+            letters(number), (px, py), tuple(aside), textcoords="offset points", fontsize=8, ha="center",
+            va="center", path_effects=[withStroke(linewidth=2.0, foreground="w")],
+        )  # fmt: skip
         _arrow(axes, px, py, facing)
     if plan.start:
         axes.plot(*plan.start[:2], "ko", mfc="w", ms=6, label="start")

@@ -290,17 +290,21 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
     data = group.get(name)
     if not isinstance(data, h5py.Dataset):
         raise InputError(where, "no dataset", "a dataset of this name")
-    fits = len(data.shape or ()) == len(shape) and all(
-        want in (None, n) for want, n in zip(shape, data.shape, strict=True)
-    )
-    if not fits:
+    if not fits(data.shape or (), shape):
         wanted = tuple("any" if n is None else n for n in shape)
         raise InputError(where, f"shape {data.shape}", f"shape {wanted}".replace("'", ""))
     if data.dtype.kind not in kind:
-        raise InputError(where, f"type {data.dtype}", "numbers")
+        raise InputError(where, f"type {data.dtype}", "text" if "O" in kind else "numbers")
     if claims_too_much(data):
         raise InputError(where, f"{data.size} values", "as many as the file holds")
     return np.asarray(data[()])
+
+
+def fits(found: tuple[int, ...], wanted: tuple[int | None, ...]) -> bool:
+    """Whether a shape is the wanted one, of which None stands for any size."""
+    return len(found) == len(wanted) and all(
+        want in (None, size) for want, size in zip(wanted, found, strict=True)
+    )
 
 
 def put_attributes(group: h5py.Group, values: Mapping[str, object]) -> None:

@@ -15,103 +15,59 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.io.files import (
     cannot_write,
-    get,
     get_attributes,
-    put,
     put_attributes,
     reading_h5,
     subgroup,
     write_bytes,
     writing_h5,
 )
-from gridslam.maps.map_cells import LEVELS, MapCells, anchors_of
+from gridslam.maps.map_cells import MapCells, anchors_of
+from gridslam.maps.map_datasets import FEATURES, GRID, LEVEL_BELIEFS, MAP, SURFACES
 from gridslam.maps.walls import WallSegments
 from gridslam.world.geometry import line_of_sfv
-from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import REFLECTION_BINS
 
-FORMAT = "gridslam-map"
 LARGEST_CELLS = 10_000_000
 """Refused above: the reflection beliefs alone would take a gigabyte."""
-SURFACE_UNITS = {
-    "identity": "1",
-    "sfv_m": "m",
-    "sfv_cov_m2": "m^2",
-    "line": "rad, m",
-    "line_cov": "rad^2, rad m, m^2",
-    "reflection": "1",
-    "reflection_var": "1",
-    "existence": "1",
-    "extent_m": "m",
-    "owner": "1",
-}
-FEATURE_UNITS = {
-    "identity": "1",
-    "anchor": "1",
-    "anchor_m": "m",
-    "position_m": "m",
-    "bias_m": "m",
-    "variance": "sample^2",
-    "noise": "sample^2",
-    "covariance": "m^2, m sample^2, sample^4",
-    "kind": "1",
-    "steps_seen": "1",
-    "last_step": "1",
-}
-FEATURE_TAILS: dict[str, tuple[int, ...]] = {"anchor_m": (2,), "position_m": (2,), "covariance": (4, 4)}
+PICTURES = ("occupancy", "reflection", "reflection_std")
+"""Of a grid, which stand for its beliefs in maps of other programs."""
 
 
 def write_map(grid: MapCells, path: str | os.PathLike[str]) -> None:
-    """Write a map as HDF5, complete or not at all.
-
-    ``/grid/{occupancy,observed,reflection,reflection_std}`` (ny, nx) with the attributes ``origin_m``,
-    ``cell_m`` and ``prior``, beside them what a filter needs to go on: ``evidence`` (ny, nx) and, for the T
-    cells with hits, ``coefficient_cell`` (T, 2) [iy, ix] and ``coefficient`` (T, BINS). ``/surfaces`` has one
-    dataset per field of `SurfaceEstimate`, ``reflection_posterior`` (S, BINS) and ``joint_covariance`` (2 S,
-    2 S) of all lines and, of methods without cells, ``stretch_surface`` (W,) and ``stretch_extent_m`` (W, 2);
-    ``/features`` one per field of `FeatureEstimate` and ``joint_covariance`` (3 F, 3 F); ``/levels`` beliefs
-    about floor and ceiling; ``/provenance`` attributes.
+    """Write a map as HDF5, complete or not at all: the datasets of `gridslam.maps.map_datasets`.
 
     Raises
     ------
     InputError
         The file can't be written.
     """
-    with writing_h5(path, FORMAT) as file:
+    with writing_h5(path, MAP.kind) as file:
         put_map(grid, file)
 
 
 def put_map(grid: MapCells, group: h5py.Group) -> None:
     """Write a map into a group of a file, as `write_map` has it."""
-    cells = group.create_group("grid")
-    put_attributes(
-        cells, {"origin_m": grid.origin_m, "cell_m": float(grid.cell_m), "prior": float(grid.prior)}
-    )
-    for name in ("occupancy", "observed", "reflection", "reflection_std"):
-        put(cells, name, getattr(grid, name), "1")
-    put(cells, "evidence", grid.evidence, "nat")
     touched = grid.coefficient.any(axis=-1)
-    put(cells, "coefficient_cell", np.argwhere(touched).astype(np.int32), "cell")
-    put(cells, "coefficient", grid.coefficient[touched], "nat")
+    cells = {name: getattr(grid, name) for name in (*PICTURES, "observed", "evidence")}
+    cells |= {f"@{name}": getattr(grid, name) for name in ("origin_m", "cell_m", "prior")}
+    hits = {"coefficient_cell": np.argwhere(touched), "coefficient": grid.coefficient[touched]}
+    GRID.put(group, cells | hits)
     if grid.surfaces is not None:
-        surfaces = group.create_group("surfaces")
-        for name, unit in SURFACE_UNITS.items():
-            put(surfaces, name, getattr(grid.surfaces, name), unit)
-        if grid.surface_reflection is not None:
-            put(surfaces, "reflection_posterior", grid.surface_reflection, "1")
+        beside = {
+            "reflection_posterior": grid.surface_reflection,
+            "joint_covariance": grid.surface_covariance,
+        }
         if grid.stretches is not None:
-            put(surfaces, "stretch_surface", grid.stretches.surface, "1")
-            put(surfaces, "stretch_extent_m", grid.stretches.extent_m, "m")
-        if grid.surface_covariance is not None:
-            put(surfaces, "joint_covariance", grid.surface_covariance, SURFACE_UNITS["line_cov"])
+            beside |= {
+                "stretch_surface": grid.stretches.surface,
+                "stretch_extent_m": grid.stretches.extent_m,
+            }
+        SURFACES.put(group, vars(grid.surfaces) | beside)
     if grid.features is not None:
-        features = group.create_group("features")
-        for name, unit in FEATURE_UNITS.items():
-            put(features, name, getattr(grid.features, name), unit)
-        if grid.feature_covariance is not None:
-            put(features, "joint_covariance", grid.feature_covariance, "m^2")
-    for name, belief in grid.levels.items():
-        put(group.require_group("levels"), name, belief, "1")
+        FEATURES.put(group, vars(grid.features) | {"joint_covariance": grid.feature_covariance})
+    if grid.levels:
+        LEVEL_BELIEFS.put(group, grid.levels)
     put_attributes(group.create_group("provenance"), grid.provenance)
 
 
@@ -123,60 +79,50 @@ def read_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     InputError
         No such file, another format or version, missing or contradicting datasets, or damaged.
     """
-    with reading_h5(path, FORMAT) as file:
-        return get_map(file, str(path))
+    with reading_h5(path, MAP.kind, MAP.versions) as file:
+        return get_map(file)
 
 
-def get_map(group: h5py.Group, where: str) -> dict[str, Any]:
-    """The fields of a `Map` in a group of a file, see `read_map`; errors call it `where`."""
-    cells = subgroup(group, "grid")
-    frame: dict[str, Any] = get_attributes(cells)
-    for name, kind in (("origin_m", list), ("cell_m", float), ("prior", float)):
-        if not isinstance(frame.get(name), kind):
-            raise InputError(f"{where}: /grid {name}", f"{frame.get(name)}", "a number (origin_m: two)")
-    observed = get(cells, "observed", (None, None), "b")
+def get_map(group: h5py.Group) -> dict[str, Any]:
+    """The fields of a `Map` in a group of a file, see `read_map`."""
+    sizes: dict[str, int] = {}
+    cells = GRID.get(group, sizes, ("@origin_m", "@cell_m", "@prior", "observed"))
+    observed, prior = cells["observed"], cells["@prior"]
     if observed.size > LARGEST_CELLS:
-        raise InputError(f"{where}: /grid", f"{observed.size} cells", f"at most {LARGEST_CELLS}")
-    evidence, coefficient = _read_beliefs(cells, observed, frame["prior"])
-    surfaces, posterior, joint = (
-        _read_surfaces(subgroup(group, "surfaces")) if "surfaces" in group else (None, None, None)
-    )
+        where = f"{group.file.filename}: {group.name.rstrip('/')}/grid"
+        raise InputError(where, f"{observed.size} cells", f"at most {LARGEST_CELLS}")
+    evidence, coefficient = _read_beliefs(group, sizes, observed, prior)
+    provenance = get_attributes(subgroup(group, "provenance")) if "provenance" in group else {}
     return {
-        "origin_m": np.asarray(frame["origin_m"]),
-        "cell_m": frame["cell_m"],
+        "origin_m": cells["@origin_m"],
+        "cell_m": cells["@cell_m"],
         "evidence": evidence,
         "coefficient": coefficient,
         "observed": observed,
-        "prior": frame["prior"],
-        "surfaces": surfaces,
-        "surface_reflection": posterior,
-        "surface_covariance": joint,
-        "provenance": get_attributes(subgroup(group, "provenance")) if "provenance" in group else {},
-        **(_read_features(group) if "features" in group else {}),
-        "levels": _read_levels(group),
-        "stretches": _read_stretches(group["surfaces"]) if "surfaces" in group else None,
+        "prior": prior,
+        "provenance": provenance,
+        **(_read_surfaces(group) if "surfaces" in group else {}),
+        **(_read_features(group, provenance) if "features" in group else {}),
+        "levels": {name: one for name, one in LEVEL_BELIEFS.get(group).items() if one is not None},
     }
 
 
-def _read_beliefs(cells: h5py.Group, observed: np.ndarray, prior: float) -> tuple[np.ndarray, np.ndarray]:
+def _read_beliefs(
+    group: h5py.Group, sizes: dict[str, int], observed: np.ndarray, prior: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Evidence (ny, nx) and reflection log-likelihoods (ny, nx, BINS), from the pictures if need be."""
     cube = np.zeros((*observed.shape, len(REFLECTION_BINS)), np.float32)
-    if "evidence" in cells:
-        where = get(cells, "coefficient_cell", (None, 2), "i")
-        rows = get(cells, "coefficient", (len(where), len(REFLECTION_BINS)), "f")
-        if len(where) and (where.min() < 0 or (where >= observed.shape).any()):
+    cells = GRID.get(group, sizes, ("evidence", "coefficient_cell", "coefficient"))
+    if cells["evidence"] is not None:
+        where, rows = (require(cells, name, group, "grid") for name in ("coefficient_cell", "coefficient"))
+        if (where >= observed.shape).any():
             raise InputError(
-                f"{cells.file.filename}: /grid/coefficient_cell", "cells off the grid", "[iy, ix]"
+                f"{group.file.filename}: /grid/coefficient_cell", "cells off the grid", "[iy, ix]"
             )
         cube[where[:, 0], where[:, 1]] = rows
-        evidence = get(cells, "evidence", observed.shape, "f")
-        if not (np.isfinite(evidence).all() and np.isfinite(rows).all()):
-            raise InputError(f"{cells.file.filename}: /grid", "evidence that isn't finite", "finite numbers")
-        return evidence, cube
-    occupancy, mean, std = (
-        get(cells, name, observed.shape, "f").astype(float)
-        for name in ("occupancy", "reflection", "reflection_std")
-    )
+        return cells["evidence"], cube
+    pictures = GRID.get(group, sizes, PICTURES)
+    occupancy, mean, std = (require(pictures, name, group, "grid").astype(float) for name in PICTURES)
     occupancy = np.where(observed & ~np.isnan(occupancy), occupancy, prior)
     evidence = logit(np.clip(occupancy, 1e-6, 1 - 1e-6)) - logit(np.clip(prior, 1e-6, 1 - 1e-6))
     hit = ~np.isnan(mean) & ~np.isnan(std)
@@ -184,86 +130,68 @@ def _read_beliefs(cells: h5py.Group, observed: np.ndarray, prior: float) -> tupl
     return evidence, cube
 
 
-def _read_surfaces(group: h5py.Group) -> tuple[SurfaceEstimate, np.ndarray | None, np.ndarray | None]:
-    """Surfaces and, where stored, the posterior (S, BINS) of their coefficients and their joint covariance.
+def require(found: dict[str, Any], name: str, group: h5py.Group, of: str) -> np.ndarray:
+    """What was read under a name, which has to be there because something else is, or isn't."""
+    if found[name] is None:
+        where = f"{group.file.filename}: {group.name.rstrip('/')}/{of}/{name}"
+        raise InputError(where, "no dataset", "a dataset of this name")
+    return np.asarray(found[name])
 
-    Files of earlier versions and other software have none of the latter: their surfaces are independent.
-    """
-    tails = {"sfv_m": (2,), "sfv_cov_m2": (2, 2), "line": (2,), "line_cov": (2, 2), "extent_m": (2,)}
-    count = len(get(group, "sfv_m", (None, 2)))
-    own = ("sfv_m", "sfv_cov_m2", "reflection", "reflection_var", "existence", "extent_m")
-    table = {name: get(group, name, (count, *tails.get(name, ()))) for name in own}
-    if "line" in group:
-        table |= {
-            name: get(group, name, (count, *tails.get(name, ()))) for name in ("identity", "line", "line_cov")
-        }
-    else:
+
+def surfaces_of(found: dict[str, Any]) -> SurfaceEstimate:
+    """Surfaces as their datasets have them; lines of files of other software follow from feature vectors."""
+    table = {name: found[name] for name in SurfaceEstimate.columns()}
+    count = len(table["sfv_m"])
+    if table["identity"] is None:
+        table["identity"] = np.arange(count)
+    if table["line"] is None:
+        table["line"] = line_of_sfv(table["sfv_m"])
+    if table["line_cov"] is None:
         line = line_of_sfv(table["sfv_m"])
         normal = np.stack([np.cos(line[:, 0]), np.sin(line[:, 0])], axis=-1)
         length = np.maximum(2 * line[:, 1], 1e-9)[:, None]
         turn = np.stack([-normal[:, 1], normal[:, 0]], axis=-1) / length
         jacobian = np.stack([turn, 0.5 * normal], axis=-2)
-        cov = jacobian @ table["sfv_cov_m2"] @ jacobian.swapaxes(-1, -2)
-        table |= {"identity": np.arange(count), "line": line, "line_cov": cov}
-    table["owner"] = read_owner(group, count)
-    posterior = (
-        get(group, "reflection_posterior", (count, len(REFLECTION_BINS)), "f")
-        if "reflection_posterior" in group
-        else None
-    )
-    joint = (
-        get(group, "joint_covariance", (2 * count, 2 * count), "f") if "joint_covariance" in group else None
-    )
-    return SurfaceEstimate(**table), posterior, joint
+        table["line_cov"] = jacobian @ table["sfv_cov_m2"] @ jacobian.swapaxes(-1, -2)
+    if table["owner"] is None:
+        table["owner"] = np.full(count, -1, np.int64)
+    return SurfaceEstimate(**table)
 
 
-def _read_features(file: h5py.Group) -> dict[str, Any]:
+def _read_surfaces(group: h5py.Group) -> dict[str, Any]:
+    """Surfaces and, where stored, posteriors of coefficients, joint covariance and stretches."""
+    found = SURFACES.get(group)
+    stretches = None
+    if found["stretch_surface"] is not None:
+        extent = require(found, "stretch_extent_m", group, "surfaces")
+        stretches = SurfaceStretches(found["stretch_surface"], extent)
+    return {
+        "surfaces": surfaces_of(found),
+        "surface_reflection": found["reflection_posterior"],
+        "surface_covariance": found["joint_covariance"],
+        "stretches": stretches,
+    }
+
+
+def _read_features(group: h5py.Group, provenance: dict[str, Any]) -> dict[str, Any]:
     """Learned features and, where stored, their joint covariance.
 
     `identity` and `noise` may be missing, and `anchor_m` where the provenance names the anchors.
     """
-    group = subgroup(file, "features")
-    count = len(get(group, "position_m", (None, 2)))
-    whole = ("identity", "anchor", "kind", "steps_seen", "last_step")
-    table: dict[str, Any] = {"identity": np.arange(count)}
-    for name in FEATURE_UNITS:
-        if name in group or name not in ("identity", "noise", "anchor_m"):
-            kind = "iu" if name in whole else "f"
-            table[name] = get(group, name, (count, *FEATURE_TAILS.get(name, ())), kind)
-    table.setdefault("noise", np.full(count, np.nan))
-    for name in ("position_m", "bias_m", "variance", "covariance"):
-        if not np.isfinite(table[name]).all():
-            raise InputError(f"{group.file.filename}: /features/{name}", "NaN or infinity", "finite numbers")
-    if (table["variance"] < 0).any() or (table["anchor"] < 0).any():
-        raise InputError(f"{group.file.filename}: /features", "negative powers or anchors", "0 or more")
-    if "anchor_m" not in table:
-        known = get_attributes(subgroup(file, "provenance")) if "provenance" in file else {}
-        place = np.array([where for _, where in anchors_of(known)], float).reshape(-1, 2)
+    found = FEATURES.get(group)
+    table = {name: found[name] for name in FeatureEstimate.columns()}
+    count = len(table["position_m"])
+    if table["identity"] is None:
+        table["identity"] = np.arange(count)
+    if table["noise"] is None:
+        table["noise"] = np.full(count, np.nan)
+    if table["anchor_m"] is None:
+        place = np.array([where for _, where in anchors_of(provenance)], float).reshape(-1, 2)
         if count and table["anchor"].max() >= len(place):
             allowed = "anchor_m, or anchors of the provenance"
             raise InputError(f"{group.file.filename}: /features/anchor", "anchors without a place", allowed)
         table["anchor_m"] = place[table["anchor"]]
-    joint = get(group, "joint_covariance", (3 * count, 3 * count)) if "joint_covariance" in group else None
-    return {"features": FeatureEstimate(**table), "feature_covariance": joint}
-
-
-def _read_levels(file: h5py.Group) -> dict[str, np.ndarray]:
-    """Beliefs (50,) about coefficients of floor and ceiling, where stored."""
-    group = subgroup(file, "levels") if "levels" in file else {}
-    return {name: get(group, name, (len(COEFFICIENTS),), "f") for name in LEVELS if name in group}
-
-
-def _read_stretches(group: h5py.Group) -> SurfaceStretches | None:
-    """Where paths were reflected by surfaces, where stored."""
-    if "stretch_surface" not in group:
-        return None
-    row = get(group, "stretch_surface", (None,), "i")
-    return SurfaceStretches(row, get(group, "stretch_extent_m", (len(row), 2)))
-
-
-def read_owner(group: h5py.Group, count: int) -> np.ndarray:
-    """Owning anchors of `count` surfaces; files of earlier versions and other software have none: -1."""
-    return get(group, "owner", (count,), "i") if "owner" in group else np.full(count, -1, np.int64)
+    return {"features": FeatureEstimate(**table), "feature_covariance": found["joint_covariance"]}
 
 
 def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments) -> None:

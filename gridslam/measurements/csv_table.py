@@ -7,7 +7,6 @@ import csv
 import difflib
 import io
 import os
-import re
 import warnings
 from array import array
 from collections.abc import Iterator, Sequence
@@ -19,10 +18,10 @@ import numpy as np
 
 from gridslam.errors import Faults, InputError, Note
 from gridslam.io.files import write_bytes
+from gridslam.measurements.csv_cells import Marks, Names, is_number, number_of
 from gridslam.measurements.foreign_columns import angles_meant, meant_by
 from gridslam.world.columns import (
     KEYS,
-    MOST_STEPS,
     ONE_AGENT,
     OPTIONAL,
     UNITS,
@@ -35,8 +34,6 @@ from gridslam.world.validation import nearest
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
 FILES = "a file of measurements: CSV, MATLAB (.mat) or HDF5"
-THOUSANDS = re.compile(r"[+-]?\d+([.,'\u2019\u00a0\u202f ]\d+)+")
-"""Digits with marks between them, not all of them decimal."""
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
 
@@ -73,9 +70,9 @@ def read_csv(
     """Read and check a CSV table.
 
     Cells may be set apart by tabs, or by semicolons, then with decimal commas, as spreadsheets of some
-    countries write them; ``nan`` is an empty cell; angles may be in columns that end in ``_deg``. Lines that
-    begin with ``#`` before the header are passed over. Without a column ``step`` every time is a step, with a
-    `Note`. Passed over, too, are columns of other names, with a `Note`, unless
+    countries write them; ``nan`` is an empty cell; angles may be in columns that end in ``_deg``. Passed over
+    are lines that begin with ``#``, empty rows, and empty cells beyond the header. Without a column ``step``
+    every time is a step, with a `Note`. Passed over, too, are columns of other names, with a `Note`, unless
     they look like one of these misspelt.
 
     Parameters
@@ -107,11 +104,11 @@ def read_csv(
     InputError
         The first fault, with its line.
     """
-    names = {"anchor": _Names(anchors, several), "agent": _Names(agents, False)}
+    names = {"anchor": Names(anchors, several), "agent": Names(agents, False)}
     lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
-    marks = _Marks()
+    marks = Marks()
     with _rows(Path(path)) as reader:
-        written = [name.strip() for name in next((row for row in reader if row), [])]
+        written, width = _header(reader)
         comma = reader.dialect.delimiter == ";"
         header = [IN_DEGREES.get(name, name) for name in written]
         begins = reader.line_num
@@ -123,8 +120,9 @@ def read_csv(
             ways = [f"{one.column}, {one.way}" for one in meant]
             said = f" ({'; '.join(ways)})" if ways else ""
             warnings.warn(Note(f"{path}: {columns_are} not used{said}"), stacklevel=2)
-        for cells in reader:
+        for row in reader:
             where = f"{path}: line {reader.line_num}"
+            cells = _filled(row, len(header), width)
             if len(cells) not in (0, len(header)):
                 raise InputError(where, f"{len(cells)} cells", f"{len(header)} cells, as in the header")
             if cells:
@@ -134,7 +132,7 @@ def read_csv(
                     for cell, name in zip(cells, header, strict=True)
                     if name not in extra
                 ]
-                table.extend(_number(cell, name, names.get(name), where, comma) for cell, name in here)
+                table.extend(number_of(cell, name, names.get(name), where, comma) for cell, name in here)
                 if comma:
                     marks.look(here, where)
     if not table:
@@ -186,25 +184,23 @@ def columns_in_degrees(path: str | os.PathLike[str]) -> dict[str, str]:
         It can't be read.
     """
     with _rows(Path(path)) as reader:
-        written = [name.strip() for name in next((row for row in reader if row), [])]
+        written, _ = _header(reader)
     return {IN_DEGREES[name]: name for name in written if name in IN_DEGREES}
 
 
-class _Names:
-    """Names of a column as numbers; new ones are added where none were given."""
+def _header(reader: Iterator[list[str]]) -> tuple[list[str], int]:
+    """Names of the columns, and how many cells they are with nameless ones at the end, as of spreadsheets."""
+    names = [name.strip() for name in next((row for row in reader if row), [])]
+    last = max((place for place, name in enumerate(names) if name), default=-1)
+    return names[: last + 1], len(names)
 
-    def __init__(self, given: Sequence[str] | None, optional: bool) -> None:
-        self.place = {name: index for index, name in enumerate(given or ())}
-        self.growing, self.optional = given is None, optional
 
-    def number(self, cell: str, where: str, what: str) -> int:
-        if self.optional and not cell:
-            return -1
-        if self.growing and cell:
-            self.place.setdefault(cell, len(self.place))
-        if cell not in self.place:
-            raise InputError(where, repr(cell), ", ".join(self.place) or f"the name of an {what}")
-        return self.place[cell]
+def _filled(cells: list[str], named: int, width: int) -> list[str]:
+    """A row's cells under `named` columns of a header of `width` cells; none of an empty row or a remark."""
+    if not any(map(str.strip, cells)) or (cells[0].startswith("#") and len(cells) < named):
+        return []
+    more = len(cells) > width or any(map(str.strip, cells[named:]))
+    return cells if more else cells[:named]
 
 
 @contextmanager
@@ -225,7 +221,10 @@ def _rows(path: Path) -> Iterator[Any]:
             yield reader
     except csv.Error as error:
         line = reader.line_num if reader is not None else 1
-        raise InputError(f"{path}: line {line}", str(error), "a CSV row") from error
+        with path.open(encoding="utf-8", errors="replace") as file:  # an open quote is noticed far below
+            odd = next((number for number, text in enumerate(file, 1) if text.count('"') % 2), None)
+        found = str(error) if odd is None else "a quotation mark that isn't closed"
+        raise InputError(f"{path}: line {odd or line}", found, "a CSV row") from error
     except UnicodeDecodeError as error:
         with path.open("rb") as content:
             wide = content.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
@@ -240,24 +239,6 @@ def _delimiter(header: str) -> str:
     return next((mark for mark in ";\t" if mark in header and "," not in header), ",")
 
 
-class _Marks:
-    """Decimal marks of a table whose cells are set apart by semicolons: commas or points, not both."""
-
-    def __init__(self) -> None:
-        self.seen: dict[str, str] = {}
-
-    def look(self, cells: Sequence[tuple[str, str]], where: str) -> None:
-        """Refuse a mark where there was the other one: 1.234 may be a thousand or one and a bit."""
-        for cell, name in cells:
-            for mark, other in ((",", "."), (".", ",")):
-                if mark in cell and name not in ("anchor", "agent"):
-                    self.seen.setdefault(mark, f"{cell!r} in {where.rpartition(': ')[2]}")
-                    if other in self.seen:
-                        found = f"{cell!r}, and {self.seen[other]}"
-                        allowed = "one decimal mark in all cells, comma or point, and none between thousands"
-                        raise InputError(f"{where}: {name}", found, allowed)
-
-
 def _check_header(header: list[str], written: list[str], where: str, several: bool) -> list[str]:
     """Columns that aren't known, nor look like one that is, misspelt; `written`: as the file has them."""
     known = (*KEYS, "agent", *VALUES, *OPTIONAL)
@@ -265,7 +246,9 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
         raise InputError(
             where.rpartition(": ")[0], "an empty file", f"a header line {','.join((*KEYS, *VALUES))}"
         )
-    if not set(header) & set(known) and any(map(_is_number, written)):
+    if len(written) == 1 and len(set(written[0].split()) & set(known)) > 1:
+        raise InputError(where, "columns set apart by spaces", "commas, tabs or semicolons between them")
+    if not set(header) & set(known) and any(map(is_number, written)):
         columns = ",".join((*KEYS, *VALUES))
         raise InputError(where, f"no header, but {','.join(written)[:60]!r}", f"names of columns: {columns}")
     faults = list[InputError]()
@@ -295,40 +278,3 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
     if not set(header) & set(VALUES):
         raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")
     return [name for name in header if name not in known]
-
-
-def _is_number(cell: str) -> bool:
-    """Whether a cell of a header is a number, with a decimal comma or without."""
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _number(cell: str, name: str, names: _Names | None, where: str, comma: bool = False) -> float:
-    """One cell as a number, with a decimal `comma` or a point; names by their place in the list."""
-    if names is not None:
-        return names.number(cell, f"{where}: {name}", name)
-    if name == "step":
-        if not (cell.isascii() and cell.isdecimal() and len(cell) <= 12):
-            raise InputError(f"{where}: step", repr(cell), f"a whole number from 0 to {MOST_STEPS - 1}")
-        return int(cell)
-    if name != "time_s" and cell.lower() in ("", "nan"):
-        return np.nan
-    try:
-        value = float(cell.replace(",", ".") if comma else cell)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        if cell.count(",") == 1 and cell.replace(",", "").lstrip("+-").isdecimal():
-            allowed = "a decimal point; decimal commas only where semicolons set cells apart"
-            raise InputError(f"{where}: {name}", f"{cell!r}, a decimal comma", allowed)
-        if THOUSANDS.fullmatch(cell):
-            allowed = "a number with one decimal mark, and none between thousands: 1234.5"
-            raise InputError(f"{where}: {name}", f"{cell!r}, with several marks", allowed)
-        allowed = (
-            "a finite number" if name == "time_s" else "a finite number, or an empty cell if not measured"
-        )
-        raise InputError(f"{where}: {name}", repr(cell), allowed)
-    return value

@@ -10,13 +10,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.errors import located
-from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
+from gridslam.io.files import reading_h5, writing_h5
 from gridslam.measurements import csv_table, hdf5_table, matlab
+from gridslam.measurements.datasets import AGENTS
+from gridslam.measurements.datasets import CLOCKS as TRUE_CLOCKS
 from gridslam.measurements.table import Measurements
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.columns import Columns, fill_missing
@@ -50,16 +51,11 @@ def write_h5(path: str | os.PathLike[str], columns: Columns, whole: Mapping[str,
     table, clocks = whole["table"], whole["clocks"]
     with writing_h5(path, hdf5_table.KIND, 2) as file:
         hdf5_table.put_rows(file, columns, {f.name: getattr(table, f.name) for f in fields(Measurements)})
-        agents = file.create_group("agents")
-        put(agents, "name", np.array(whole["agents"], dtype=h5py.string_dtype()), "text")
-        put(agents, "present", np.asarray(whole["present"]), "step")
+        AGENTS.put(file, {"name": whole["agents"], "present": whole["present"]})
         for name, track in whole["tracks"].items():
-            hdf5_table.put_track(file.create_group(f"truth/{name}"), track)
+            hdf5_table.put_track(file, track, f"truth/{name}")
         if clocks is not None:
-            group = file.create_group(f"truth/{CLOCKS}")
-            put(group, "device", np.array(clocks.device, dtype=h5py.string_dtype()), "text")
-            put(group, "time_s", clocks.time_s, "s")
-            put(group, "offset_s", clocks.offset_s, "s")
+            TRUE_CLOCKS.put(file, vars(clocks))
 
 
 def read_h5(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -69,16 +65,12 @@ def read_h5(path: str | os.PathLike[str]) -> dict[str, Any]:
         names, present = ("agent1",), None
         tracks, clocks = dict[str, Trajectory](), None
         if "agents" in file:
-            group = subgroup(file, "agents")
-            names = tuple(name.decode("utf-8") for name in get(group, "name", (None,), "O"))
-            if "present" in group:
-                present = get(group, "present", (len(names), 2), "iu")
-            for name in names:
-                if name in file.get("truth", ()):
-                    tracks[name] = hdf5_table.get_track(subgroup(file, f"truth/{name}"))
-            clocks = _clocks(subgroup(file, f"truth/{CLOCKS}")) if f"truth/{CLOCKS}" in file else None
+            names, present = AGENTS.get(file).values()
+            truth = file.get("truth", ())
+            tracks = {name: hdf5_table.get_track(file, f"truth/{name}") for name in names if name in truth}
+            clocks = ClockTruth(**TRUE_CLOCKS.get(file)) if CLOCKS in truth else None
         elif "truth" in file:
-            tracks["agent1"] = hdf5_table.get_track(subgroup(file, "truth"))
+            tracks["agent1"] = hdf5_table.get_track(file)
         columns.setdefault("agent", np.zeros(len(columns["step"]), np.intp))
         return _collected(columns, table, names, present, tracks, clocks)
 
@@ -102,9 +94,3 @@ def _collected(
         "agents": names, "table": Measurements(**rows), "agent": place[agent], "present": present,
         "tracks": tracks or {}, "clocks": clocks,
     }  # fmt: skip
-
-
-def _clocks(group: h5py.Group) -> ClockTruth:
-    names = tuple(name.decode("utf-8") for name in get(group, "device", (None,), "O"))
-    time = get(group, "time_s", (None,))
-    return ClockTruth(names, time, get(group, "offset_s", (len(time), len(names))))

@@ -36,10 +36,10 @@ class Simulated(NamedTuple):
         taken = f"{scene}, {', '.join(agents)}"
         return f"simulated in {self}, and taken for {taken}"
 
-    def put(self, group: h5py.Group) -> None:
-        """Write it as attributes of a group."""
-        group.attrs["scene"], group.attrs["seed"] = self.scene, self.seed
-        group.attrs.create("agents", list(self.agents), dtype=h5py.string_dtype())
+    @property
+    def attributes(self) -> dict[str, object]:
+        """What files hold of it, `gridslam.measurements.datasets.SIMULATED`."""
+        return {f"@{name}": value for name, value in self._asdict().items()}
 
 
 def simulated_of(group: h5py.Group) -> Simulated | None:

@@ -18,6 +18,7 @@ from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.runs.heard_stretches import map_so_far
 from gridslam.runs.run import Run
+from gridslam.runs.step_files import storable
 from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
@@ -27,6 +28,7 @@ from gridslam.systems.suited import clocked, suited
 from gridslam.world.columns import require_distances, require_within
 from gridslam.world.geometry import wrap
 from gridslam.world.network_scene import longest_m
+from gridslam.world.observation import Observation
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start, require_scene, start_of
 from gridslam.world.trajectory import Trajectory
@@ -121,7 +123,7 @@ def map_scene(
         found, checkpoint, lambda: _started(found, scene, prior_map, agent, seed, told, waveform)
     )
     with _watcher(progress, slam.agent, measurements) as tell:
-        done = run_steps(partial(stepped, slam), slam, measurements, before, tell, watch, checkpoint)
+        done = run_steps(_stepping(slam), slam, measurements, before, tell, watch, checkpoint)
     with held_back() as asked:  # a map of many cells takes a moment
         estimates = done.estimates
         last, final_map = estimates[-1], stamped(map_so_far(slam, estimates, prior_map), scene)
@@ -149,6 +151,14 @@ def map_scene(
     if asked.is_set():
         raise StoppedLate(run)
     return run
+
+
+def _stepping(slam: Slam) -> Callable[[Observation], Estimate]:
+    """How a method is stepped; what one that isn't ours returns has to be what files can hold."""
+    if type(slam).__module__.startswith("gridslam."):
+        return partial(stepped, slam)
+    where = f"{type(slam).__name__}.step"
+    return lambda scan: storable(stepped(slam, scan), where)
 
 
 def _unheard(measurements: Observations, steps: int) -> tuple[int, ...]:

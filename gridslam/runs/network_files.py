@@ -8,15 +8,23 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import h5py
-import numpy as np
-
-from gridslam.io.files import get, put, reading_h5, write_bytes, writing_h5
+from gridslam.io.datasets import Dataset, Group, Layout
+from gridslam.io.files import reading_h5, write_bytes, writing_h5
 from gridslam.runs.clock_track import ClockTrack
 from gridslam.world.clocks import ClockTruth
 
-FORMAT = "gridslam-clocks"
 CSV, H5 = "clocks.csv", "clocks.h5"
+OFFSETS = Group("", (
+    Dataset("@anchors", "1", "how many of the devices are anchors", least=0, kind="int64"),
+    Dataset("device", "text", "names: the anchors', then the agents'", shape="D", kind="text"),
+    Dataset("step", "1", "number of the step", least=0, shape="N", kind="int64"),
+    Dataset("time_s", "s", "its time", shape="N"),
+    Dataset("offset_s", "s", "offsets of the clocks as believed", shape="N, D"),
+    Dataset("covariance_s2", "s^2", "covariance of all of a step together", shape="N, D, D"),
+    Dataset("unset", "1", "anchors whose clocks no step had set yet", shape="N, J", kind="bool"),
+    Dataset("true_offset_s", "s", "true offsets", "not known", shape="N, D"),
+))  # fmt: skip
+CLOCKS = Layout(H5, "gridslam-clocks", (1,), (OFFSETS,))
 
 
 def clock_files(clocks: ClockTrack, truth: ClockTruth | None) -> dict[str, Callable[[Path], None]]:
@@ -52,16 +60,9 @@ def write_clocks(path: str | os.PathLike[str], clocks: ClockTrack, truth: ClockT
     InputError
         The file can't be written.
     """
-    with writing_h5(path, FORMAT) as file:
-        file.attrs["anchors"] = clocks.anchors
-        put(file, "device", np.array(clocks.device, dtype=h5py.string_dtype()), "text")
-        put(file, "step", clocks.step, "1")
-        put(file, "time_s", clocks.time_s, "s")
-        put(file, "offset_s", clocks.offset_s, "s")
-        put(file, "covariance_s2", clocks.covariance_s2, "s^2")
-        put(file, "unset", clocks.unset, "1")
-        if truth is not None:
-            put(file, "true_offset_s", clocks.offset_s - clocks.errors(truth), "s")
+    true = None if truth is None else clocks.offset_s - clocks.errors(truth)
+    with writing_h5(path, CLOCKS.kind) as file:
+        OFFSETS.put(file, vars(clocks) | {"@anchors": clocks.anchors, "true_offset_s": true})
 
 
 def read_clocks(path: str | os.PathLike[str]) -> tuple[ClockTrack, ClockTruth | None]:
@@ -72,13 +73,9 @@ def read_clocks(path: str | os.PathLike[str]) -> tuple[ClockTrack, ClockTruth | 
     InputError
         Not such a file, cut short, or arrays that don't belong together.
     """
-    with reading_h5(path, FORMAT) as file:
-        names = tuple(name.decode("utf-8") for name in get(file, "device", (None,), "O"))
-        step = get(file, "step", (None,), "iu")
-        count, size, anchors = len(step), len(names), int(file.attrs.get("anchors", 0))
-        track = ClockTrack(
-            names, anchors, step, get(file, "time_s", (count,)), get(file, "offset_s", (count, size)),
-            get(file, "covariance_s2", (count, size, size)), get(file, "unset", (count, anchors), "b"),
-        )  # fmt: skip
-        true = get(file, "true_offset_s", (count, size)) if "true_offset_s" in file else None
-        return track, None if true is None else ClockTruth(names, track.time_s, true)
+    with reading_h5(path, CLOCKS.kind, CLOCKS.versions) as file:
+        first = OFFSETS.get(file, names=("@anchors",))["@anchors"]
+        found = OFFSETS.get(file, {"J": first})
+    anchors, true = found.pop("@anchors"), found.pop("true_offset_s")
+    track = ClockTrack(anchors=anchors, **found)
+    return track, None if true is None else ClockTruth(track.device, track.time_s, true)

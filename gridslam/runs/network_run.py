@@ -20,6 +20,7 @@ from gridslam.runs.map_scene import believed_track, check_anchors
 from gridslam.runs.run import Run
 from gridslam.runs.steps import begun, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
+from gridslam.runs.summary import NETWORK, blank
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.simulation.image_source import Truth
 from gridslam.simulation.network import NetworkTruth
@@ -81,7 +82,7 @@ class NetworkRun:
             without_common,
         )
 
-        scores: dict[str, Any] = dict.fromkeys(NETWORK_KEYS)
+        scores: dict[str, Any] = blank(NETWORK)
         count = len(self.clocks.step)
         late = slice(min(SETTLED, count // 2), None)
         if clocks is not None:
@@ -102,17 +103,6 @@ class NetworkRun:
             position = bound.position_m[:count][late]
             scores["position_bound_m"] = rmse(position[np.isfinite(position)])
         return scores
-
-
-NETWORK_KEYS = (
-    "apparent_bias_rmse_ps",
-    "bias_rmse_without_common_ps",
-    "bound_ps",
-    "position_bound_m",
-    "steps_to_synchronise",
-    "label_errors",
-    "labels_judged",
-)
 
 
 def network_scores(

@@ -12,6 +12,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
+from gridslam.runs.summary import AGENT, MAP, blank
 from gridslam.wording import counted
 from gridslam.world.filter_model import detected
 from gridslam.world.scene import Scene
@@ -176,14 +177,14 @@ class Run:
         track = self._own_track(truth, earlier)
         found = self.surfaces.take(detected(self.surfaces.existence, self.scene.filter))
         maps_surfaces = self.map.surfaces is not None or len(found) > 0
-        scores: dict[str, Any] = dict.fromkeys(AGENT_KEYS) | {
+        scores: dict[str, Any] = blank(AGENT) | {
             "steps": len(self.trajectory),
             "interrupted": self.interrupted,
             "position_std_m": float(np.sqrt(np.trace(self.covariance[:, :2, :2], axis1=1, axis2=2).mean())),
             "heading_std_deg": float(np.degrees(np.sqrt(self.covariance[:, 4, 4].mean()))),
             "surfaces_detected": len(found) if maps_surfaces else None,
             "features": maps_features(self.method, self.map.features),
-            "map": dict.fromkeys(MAP_KEYS),
+            "map": blank(MAP),
             "health": {
                 "unwell_steps": sum(not e.health.ok for e in self.estimates),
                 "why": complaints(self.estimates),
@@ -265,34 +266,3 @@ class Run:
             return truth
         require_same_world(self.scene, self.agent, self.trajectory.time_s, truth)
         return truth.trajectory
-
-
-AGENT_KEYS = (
-    "steps",
-    "interrupted",
-    "position_rmse_m",
-    "position_bound_m",
-    "position_p95_m",
-    "heading_rmse_deg",
-    "heading_bound_deg",
-    "final_position_error_m",
-    "diverged",
-    "position_std_m",
-    "position_nees",
-    "position_median_nees",
-    "silent_steps",
-    "heading_std_deg",
-    "surfaces_detected",
-    "features",
-    "surfaces_matched",
-    "surfaces_true",
-    "surfaces_false",
-    "surface_ospa_m",
-    "surface_gospa_m",
-    "reflection_mae",
-    "map",
-    "health",
-    "seconds_per_step",
-    "peak_memory_mb",
-)
-MAP_KEYS = ("occupied_precision", "occupied_recall", "free_precision", "free_recall", "auc")

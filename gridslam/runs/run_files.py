@@ -26,6 +26,7 @@ from gridslam.runs.reservation import Place, reserve
 from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.runs.stopping import held_back
+from gridslam.runs.summary import hold
 from gridslam.systems.registry import particles_of
 from gridslam.world.names import folder_fault
 from gridslam.world.scene import Scene
@@ -170,7 +171,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        There is none, or it is damaged.
+        There is none, it is damaged, or holds what can't be (`gridslam.runs.summary`).
     """
     try:
         summary: dict[str, Any] = json.loads((folder / "run.json").read_text(encoding="utf-8"))
@@ -181,6 +182,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"{folder / 'run.json'}", "none that can be read", "a folder that a run wrote"
         ) from error
+    hold(summary, str(folder / "run.json"))
     return summary
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -13,91 +13,38 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
-from gridslam.io.files import get, put, reading_h5, subgroup, writing_h5
-from gridslam.maps.map_files import SURFACE_UNITS, read_owner
+from gridslam.io.datasets import Group
+from gridslam.io.files import reading_h5, writing_h5
+from gridslam.maps.map_files import surfaces_of
+from gridslam.runs.step_datasets import ALL_STEPS, HYPOTHESES, PAIRS, PATHS, RINGS, STEPS, SURFACES
 
-FORMAT = "gridslam-steps"
-STEP_UNITS = {
-    "step": "1",
-    "time_s": "s",
-    "position_m": "m",
-    "velocity_mps": "m/s",
-    "heading_rad": "rad",
-    "covariance": "m^2, m^2/s, m rad, (m/s)^2, rad m/s, rad^2",
-    "effective_sample_size": "1",
-}
-PATH_UNITS = {
-    "anchor": "1",
-    "surfaces": "1",
-    "distance_m": "m",
-    "aod_rad": "rad",
-    "aoa_rad": "rad",
-    "amplitude": "1",
-    "existence": "1",
-    "points": "m",
-}
-HYPOTHESIS_UNITS = {
-    "weight": "1",
-    "position_m": "m",
-    "heading_rad": "rad",
-    "position_cov_m2": "m^2",
-    "surface_count": "1",
-}
-RING_UNITS = {"ring": "1", "anchor": "1", "existence": "1", "weight": "1", "position_m": "m"}
-HEIGHTS = ("agent", "floor", "ceiling")
 Pair = tuple[float, float]
-Rows = TypeVar("Rows", HypothesisEstimate, RingEstimate)
-TAILS = {
-    "position_m": (2,),
-    "velocity_mps": (2,),
-    "covariance": (5, 5),
-    "position_cov_m2": (2, 2),
-    "sfv_m": (2,),
-    "sfv_cov_m2": (2, 2),
-    "line": (2,),
-    "line_cov": (2, 2),
-    "extent_m": (2,),
-    "surfaces": (2,),
-    "points": (4, 2),
-}
+Rows = TypeVar("Rows", PathEstimate, HypothesisEstimate, RingEstimate)
 
 
 def write_steps(path: str | os.PathLike[str], estimates: Sequence[Estimate]) -> None:
-    """Write all estimates over time as HDF5.
+    """Write all estimates over time as HDF5: the datasets of `gridslam.runs.step_datasets`.
 
-    ``/steps/<name>`` has one row per step; ``/surfaces/<name>``, ``/paths/<name>`` and ``/hypotheses/<name>``
-    hold the rows of all steps below one another, those of step ``n`` from ``offset[n]`` up to
-    ``offset[n + 1]``; so does ``/rings/<name>``, where there are any. ``/heights/<name>`` has heights and
-    their deviations, where they were unknown. How long a step took is left out, so that a run repeated gives
-    the same file.
+    How long a step took is left out, so that a run repeated gives the same file.
 
     Raises
     ------
     InputError
         The file can't be written.
     """
-    with writing_h5(path, FORMAT) as file:
-        steps, surfaces, paths = (file.create_group(name) for name in ("steps", "surfaces", "paths"))
-        for name, unit in STEP_UNITS.items():
-            rows = np.array([getattr(e, name) for e in estimates], np.int64 if name == "step" else np.float64)
-            put(steps, name, rows.reshape(len(estimates), *TAILS.get(name, ())), unit)
-        all_surfaces = SurfaceEstimate.stack([estimate.surfaces for estimate in estimates])
-        all_paths = PathEstimate.stack([estimate.paths for estimate in estimates])
-        put(surfaces, "offset", np.cumsum([0, *(len(e.surfaces) for e in estimates)]), "1")
-        put(paths, "offset", np.cumsum([0, *(len(e.paths) for e in estimates)]), "1")
-        detected = [np.zeros(0, bool), *(np.asarray(e.detected, bool) for e in estimates)]
-        put(surfaces, "detected", np.concatenate(detected), "1")
-        for name, unit in SURFACE_UNITS.items():
-            put(surfaces, name, getattr(all_surfaces, name), unit)
-        for name, unit in PATH_UNITS.items():
-            put(paths, name, getattr(all_paths, name), unit)
-        _write_tables(
-            file, "hypotheses", HypothesisEstimate, HYPOTHESIS_UNITS, [e.hypotheses for e in estimates]
-        )
+    with writing_h5(path, ALL_STEPS.kind) as file:
+        columns = {one.name: [getattr(e, one.name) for e in estimates] for one in STEPS.datasets}
+        STEPS.put(file, {one.name: one.rows(columns[one.name]) for one in STEPS.datasets})
+        found = [np.zeros(0, bool), *(np.asarray(e.detected, bool) for e in estimates)]
+        surfaces = [e.surfaces for e in estimates]
+        whole = vars(SurfaceEstimate.stack(surfaces)) | {"detected": np.concatenate(found)}
+        SURFACES.put(file, _offset(surfaces) | whole)
+        _put_rows(file, PATHS, PathEstimate, [e.paths for e in estimates])
+        _put_rows(file, HYPOTHESES, HypothesisEstimate, [e.hypotheses for e in estimates])
         if any(len(e.rings) for e in estimates):
-            _write_tables(file, "rings", RingEstimate, RING_UNITS, [e.rings for e in estimates])
-        _write_pairs(file, "heights", [e.heights for e in estimates], "m")
-        _write_pairs(file, "coefficients", [e.coefficients for e in estimates], "1")
+            _put_rows(file, RINGS, RingEstimate, [e.rings for e in estimates])
+        for group in PAIRS:
+            _put_pairs(file, group, [getattr(e, group.name) for e in estimates])
 
 
 def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
@@ -108,21 +55,17 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
     InputError
         No such file, another format or version, contradicting datasets, or damaged.
     """
-    with reading_h5(path, FORMAT) as file:
-        steps, surfaces, paths = (subgroup(file, name) for name in ("steps", "surfaces", "paths"))
-        count = len(get(steps, "step", (None,), "iu"))
-        rows = _columns(steps, STEP_UNITS, count)
-        surface_at, path_at = (_offsets(group, count) for group in (surfaces, paths))
-        total, lines = int(surface_at[-1]), int(path_at[-1])
-        own = [name for name in SURFACE_UNITS if name != "owner"]
-        table = {name: get(surfaces, name, (total, *TAILS.get(name, ()))) for name in own}
-        table["owner"] = read_owner(surfaces, total)
-        route = _columns(paths, PATH_UNITS, lines)
-        detected = get(surfaces, "detected", (total,), "b")
-        rivals = _read_tables(file, "hypotheses", HypothesisEstimate, HYPOTHESIS_UNITS, count)
-        unknown = _read_tables(file, "rings", RingEstimate, RING_UNITS, count)
-        tall, reflected = (_read_pairs(file, group, count) for group in ("heights", "coefficients"))
-    all_surfaces, all_paths = SurfaceEstimate(**table), PathEstimate(**route)
+    with reading_h5(path, ALL_STEPS.kind, ALL_STEPS.versions) as file:
+        sizes: dict[str, int] = {}
+        rows = STEPS.get(file, sizes)
+        count = sizes["N"]
+        walls = SURFACES.get(file, sizes)
+        at = _checked_offset(file, SURFACES, walls, sizes["S"])
+        routes = _get_rows(file, PATHS, PathEstimate, sizes)
+        rivals = _get_rows(file, HYPOTHESES, HypothesisEstimate, sizes)
+        unknown = _get_rows(file, RINGS, RingEstimate, sizes)
+        tall, reflected = (_get_pairs(file, group, sizes) for group in PAIRS)
+    surfaces, detected = surfaces_of(walls), walls["detected"]
     return [
         Estimate(
             int(rows["step"][n]),
@@ -131,9 +74,9 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
             rows["velocity_mps"][n],
             float(rows["heading_rad"][n]),
             rows["covariance"][n],
-            all_surfaces.take(slice(surface_at[n], surface_at[n + 1])),
-            all_paths.take(slice(path_at[n], path_at[n + 1])),
-            detected[surface_at[n] : surface_at[n + 1]],
+            surfaces.take(slice(at[n], at[n + 1])),
+            routes[n],
+            detected[at[n] : at[n + 1]],
             float(rows["effective_sample_size"][n]),
             math.nan,
             hypotheses=rivals[n],
@@ -145,54 +88,63 @@ def read_steps(path: str | os.PathLike[str]) -> list[Estimate]:
     ]
 
 
-def _write_tables(
-    file: h5py.File, name: str, kind: type[Rows], units: dict[str, str], tables: list[Rows]
-) -> None:
+def storable(estimate: Estimate, where: str) -> Estimate:
+    """An estimate that can be written and read again; a method of one's own may hold what can't be.
+
+    Raises
+    ------
+    InputError
+        Numbers out of their range, as probabilities above 1, or NaN where it says nothing; `where` is what it
+        calls the estimate.
+    """
+    tables = ((SURFACES, "surfaces"), (PATHS, "paths"), (HYPOTHESES, "hypotheses"), (RINGS, "rings"))
+    for one in STEPS.datasets:
+        one.hold(np.asarray(getattr(estimate, one.name)), f"{where}: {one.name}")
+    for group, name in tables:
+        table = getattr(estimate, name)
+        for one in group.datasets:
+            if one.name in table.columns():
+                one.hold(np.asarray(getattr(table, one.name)), f"{where}: {name}.{one.name}")
+    return estimate
+
+
+def _offset(tables: Sequence[Any]) -> dict[str, Any]:
+    """Where the rows of each step begin."""
+    return {"offset": np.cumsum([0, *map(len, tables)])}
+
+
+def _put_rows(file: h5py.File, group: Group, kind: type[Rows], tables: list[Rows]) -> None:
     """Tables of all steps below one another, and where each begins."""
-    group, whole = file.create_group(name), kind.stack(tables)
-    put(group, "offset", np.cumsum([0, *map(len, tables)]), "1")
-    for column, unit in units.items():
-        put(group, column, getattr(whole, column), unit)
+    group.put(file, _offset(tables) | vars(kind.stack(tables)))
 
 
-def _read_tables(
-    file: h5py.File, name: str, kind: type[Rows], units: dict[str, str], count: int
-) -> list[Rows]:
+def _get_rows(file: h5py.File, group: Group, kind: type[Rows], sizes: dict[str, int]) -> list[Rows]:
     """The tables of every step; empty ones where a file holds none."""
-    if name not in file:
-        return [kind.empty()] * count
-    group = subgroup(file, name)
-    offset = _offsets(group, count)
-    rows = int(offset[-1])
-    whole = kind(**_columns(group, units, rows))
-    return [whole.take(slice(offset[n], offset[n + 1])) for n in range(count)]
+    found = group.get(file, sizes)
+    if found["offset"] is None:
+        return [kind.empty()] * sizes["N"]
+    whole = kind(**{name: found[name] for name in kind.columns()})
+    offset = _checked_offset(file, group, found, len(whole))
+    return [whole.take(slice(offset[n], offset[n + 1])) for n in range(sizes["N"])]
 
 
-def _columns(group: h5py.Group, units: dict[str, str], rows: int) -> dict[str, np.ndarray]:
-    return {column: get(group, column, (rows, *TAILS.get(column, ()))) for column in units}
-
-
-def _write_pairs(file: h5py.File, name: str, steps: Sequence[Mapping[str, Pair]], unit: str) -> None:
-    """Heights or coefficients and their deviations, of those that are known of at every step."""
-    known = [what for what in HEIGHTS if all(what in step for step in steps)]
-    if any(steps):
-        group = file.create_group(name)
-        for what in known:
-            put(group, what, np.array([step[what] for step in steps]), unit)
-
-
-def _read_pairs(file: h5py.File, name: str, count: int) -> list[dict[str, Pair]]:
-    """Heights or coefficients of every step and their deviations; none where a file holds none."""
-    if name not in file:
-        return [{}] * count
-    group = subgroup(file, name)
-    rows = {what: get(group, what, (count, 2)).tolist() for what in HEIGHTS if what in group}
-    return [{what: (row[n][0], row[n][1]) for what, row in rows.items()} for n in range(count)]
-
-
-def _offsets(group: h5py.Group, count: int) -> np.ndarray:
-    offset = get(group, "offset", (count + 1,), "iu")
-    if offset[0] != 0 or (np.diff(offset) < 0).any():
-        found = f"{group.file.filename}: offset"
-        raise InputError(found, "offsets that fall", "offsets from 0 that never fall")
+def _checked_offset(file: h5py.File, group: Group, found: dict[str, Any], rows: int) -> np.ndarray:
+    """Where rows of steps begin: from 0 on, never falling, up to their number."""
+    offset = np.asarray(found["offset"])
+    if offset[0] != 0 or (np.diff(offset) < 0).any() or offset[-1] != rows:
+        allowed = f"offsets from 0 that never fall, up to the {rows} rows"
+        raise InputError(f"{file.filename}: /{group.name}/offset", "other offsets", allowed)
     return offset
+
+
+def _put_pairs(file: h5py.File, group: Group, steps: Sequence[Mapping[str, Pair]]) -> None:
+    """Heights or coefficients and their deviations, of those that are known of at every step."""
+    names = [one.name for one in group.datasets if all(one.name in step for step in steps)]
+    if any(steps):
+        group.put(file, {name: np.array([step[name] for step in steps]) for name in names})
+
+
+def _get_pairs(file: h5py.File, group: Group, sizes: dict[str, int]) -> list[dict[str, Pair]]:
+    """Heights or coefficients of every step and their deviations; none where a file holds none."""
+    rows = {name: pairs.tolist() for name, pairs in group.get(file, sizes).items() if pairs is not None}
+    return [{name: (row[n][0], row[n][1]) for name, row in rows.items()} for n in range(sizes["N"])]

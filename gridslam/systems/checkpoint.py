@@ -88,7 +88,7 @@ def _read_inherited(file: h5py.File, scene: Scene) -> Map:
     """What of an earlier agent's map goes into the one that is made."""
     where = f"{file.filename}: /inherited"
     try:
-        inherited = Map(**get_map(subgroup(file, "inherited"), where))
+        inherited = Map(**get_map(subgroup(file, "inherited")))
     except InputError as error:
         named = error.where if error.where.startswith(where) else where
         raise InputError(named, error.found, error.allowed) from error

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gridslam.arrays import Array
+from gridslam.drawing.anchor_labels import anchors
 from gridslam.drawing.map_figure import BLUE, GREEN, ORANGE, PURPLE, blank, ellipse, scatterers
 from gridslam.drawing.widths import PAGE_IN
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
@@ -80,9 +81,6 @@ def draw_features(
     if truth is not None:
         axes.plot(*truth.position_m.T, color="0.6", lw=2.4, label="true track")
     axes.plot(*trajectory.position_m.T, color=GREEN, lw=1.0, label="estimated track")
-    axes.plot(*scene.anchor_positions.T, "^", color=ORANGE, label="anchors")
-    for name, place in zip(scene.anchor_names, scene.anchor_positions, strict=True):
-        axes.annotate(name, place, (6, 5), textcoords="offset points", fontsize="small")
     size = 4 + 8 * np.sqrt(features.variance / max(features.variance.max(initial=0), 1e-300))
     for kind, (name, color, marker) in KINDS.items():
         rows = np.flatnonzero(features.kind == kind)
@@ -90,6 +88,7 @@ def draw_features(
             look: dict[str, Any] = {"color": color, "marker": marker, "ms": size[row], "ls": "none"}
             axes.plot(*features.position_m[row], **look, label=name if row == rows[0] else None)
             ellipse(axes, features.position_m[row], features.covariance[row, :2, :2], color)
+    anchors(axes, scene, 7.0)
     figure.legend(loc="outside lower center", ncols=4, fontsize="small", frameon=False)
     axes.set(xlabel="x (m)", ylabel="y (m)")
     return figure

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from gridslam.drawing.anchor_labels import anchors
 from gridslam.drawing.map_figure import blank, found_label
 from gridslam.drawing.widths import PAGE_IN
 from gridslam.runs.clock_track import ClockTrack
@@ -95,10 +96,7 @@ def draw_labels(run: RunFiles, width: float = PAGE_IN) -> Figure:
 
 
 def _finished(figure: Figure, axes: Axes, run: RunFiles) -> Figure:
-    for anchor in run.scene.anchors:
-        x, y = anchor.position_m[:2]
-        axes.plot(x, y, "^", color="k", ms=6)
-        axes.annotate(anchor.name, (x, y), (4, 4), textcoords="offset points", fontsize="small")
+    anchors(axes, run.scene, 6.0)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")

@@ -5,10 +5,14 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from html import escape
+from itertools import product
 from pathlib import Path
+
+import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.io.files import refuse_leaving
+from gridslam.studies.columns import SUMMARY as COLUMNS
 from gridslam.viewers.page import MIME, picture, refuse_other, table, write_page
 
 SUMMARY = "summary.csv"
@@ -95,12 +99,14 @@ def _summary(path: Path) -> list[dict[str, str]]:
         raise InputError(str(path), "none that can be read", "the table of a study") from error
     if not rows or not {"scene", "method", "runs"} <= set(rows[0]):
         raise InputError(str(path), "another table", "that of a study")
-    for row in rows:
-        for name in SCORES.keys() & row.keys():
-            try:
-                float(row[name] or "nan")
-            except ValueError:
-                raise InputError(f"{path}: {name}", repr(row[name]), "a number") from None
+    for row, one in product(rows, COLUMNS):
+        told = row.get(one.name)
+        try:
+            wrong = bool(told) and one.kind != "text" and bool(one.refuses(np.array(float(told or "nan"))))
+        except ValueError:
+            wrong = True
+        if wrong:
+            raise InputError(f"{path}: {one.name}", repr(told), f"a number, {one.allowed}")
     return rows
 
 

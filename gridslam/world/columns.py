@@ -3,78 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
+from gridslam.quantity import Quantity
 
 MOST_STEPS = 10_000_000
-REQUIRED, UNMEASURED = "required", "not measured"
+UNMEASURED = "not measured"
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column of a table of measurements: what writers name, checks hold it to, and the reference says.
-
-    Attributes
-    ----------
-    name, unit : str
-    default : str
-        What a table without it means.
-    least, most : float
-        Between which its numbers are.
-    open : bool
-        Whether the least itself isn't allowed.
-    meaning : str
-    """
-
-    name: str
-    unit: str
-    default: str
-    least: float
-    most: float
-    meaning: str
-    open: bool = False
-
-    @property
-    def allowed(self) -> str:
-        """Which numbers, in words."""
-        if not np.isfinite(self.most):
-            return "above 0" if self.open else "finite"
-        turns = {2 * np.pi: "2 pi", 0.5 * np.pi: "pi/2"}
-        most = turns.get(self.most, f"{self.most:.10g}")
-        return f"-{most} to {most}" if self.least == -self.most else f"{self.least:g} to {most}"
-
-    def refuses(self, values: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which values (K,) it can't hold; NaN stands for not measured."""
-        below = values <= self.least if self.open else values < self.least
-        return np.asarray(below | (values > self.most))
+Column = Quantity
+"""A column of a table of measurements; NaN stands for not measured."""
 
 
 def _angle(name: str, most: float, meaning: str) -> Column:
-    return Column(name, "rad", UNMEASURED, -most, most, meaning)
+    return Column(name, "rad", meaning, UNMEASURED, -most, most)
 
 
 def _deviation(name: str, unit: str, of: str) -> Column:
     meaning = f"its own standard deviation of `{of}`, in place of the one that follows from the amplitude"
-    return Column(name, unit, "by the amplitude", 0.0, np.inf, meaning, open=True)
+    return Column(name, unit, meaning, "by the amplitude", 0.0, open=True)
 
 
 TABLE = (
-    Column("step", "1", REQUIRED, 0, MOST_STEPS - 1,
-           "number of the step, rising; a number that is missing is a silent step"),
-    Column("time_s", "s", REQUIRED, -np.inf, np.inf, "its time, strictly rising with the steps"),
-    Column("anchor", "index", REQUIRED, 0, np.inf,
-           "which anchor: a row of `/anchors`, a name in CSV files; -1, or nothing, where that isn't known"),
-    Column("distance_m", "m", UNMEASURED, 0.0, np.inf,
-           "length of the path; where offsets of clocks are in it any number", open=True),
+    Column("step", "1", "number of the step, rising; a number that is missing is a silent step",
+           least=0, most=MOST_STEPS - 1),
+    Column("time_s", "s", "its time, strictly rising with the steps"),
+    Column("anchor", "index",
+           "which anchor: a row of `/anchors`, a name in CSV files; -1, or nothing, where that isn't known",
+           least=0),
+    Column("distance_m", "m", "length of the path; where offsets of clocks are in it any number",
+           UNMEASURED, 0.0, open=True),
     _angle("aod_rad", 2 * np.pi, "direction in which it leaves the anchor, minus the anchor's orientation"),
     _angle("aoa_rad", 2 * np.pi,
            "direction from the agent to where it comes from, minus the agent's heading"),
-    Column("amplitude", "1", UNMEASURED, 0.0, np.inf, "square root of its SNR", open=True),
+    Column("amplitude", "1", "square root of its SNR", UNMEASURED, 0.0, open=True),
     _deviation("distance_std_m", "m", "distance_m"),
     _deviation("aod_std_rad", "rad", "aod_rad"),
     _deviation("aoa_std_rad", "rad", "aoa_rad"),

@@ -15,6 +15,8 @@ from gridslam.world.columns import DEVIATIONS, ELEVATIONS, OPTIONAL, VALUES, che
 
 BLANK = {"blank": True}
 """Of columns that may hold NaN, where a checkpoint keeps a scan."""
+NOT_MEASURED: Any = None
+"""Instead of a column, in scans that are made by hand; those that filters see have it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +35,7 @@ class Scan:
     distance_m : (M,) float64
     aod_rad, aoa_rad : (M,) float64
         Departure relative to the anchor's orientation, arrival relative to the heading; NaN where not
-        measured. Whoever hands a scan to a filter may give None for a column of NaN.
+        measured. Whoever hands a scan to a filter may leave out a column of NaN, or give None.
     amplitude : (M,) float64
         Square root of the path's SNR.
     distance_std_m, aod_std_rad, aoa_std_rad : (M,) float64 or None
@@ -46,10 +48,10 @@ class Scan:
     step: int
     time_s: float
     anchor: NDArray[np.intp]
-    distance_m: Array = field(metadata=BLANK)
-    aod_rad: Array = field(metadata=BLANK)
-    aoa_rad: Array = field(metadata=BLANK)
-    amplitude: Array = field(metadata=BLANK)
+    distance_m: Array = field(default=NOT_MEASURED, metadata=BLANK)
+    aod_rad: Array = field(default=NOT_MEASURED, metadata=BLANK)
+    aoa_rad: Array = field(default=NOT_MEASURED, metadata=BLANK)
+    amplitude: Array = field(default=NOT_MEASURED, metadata=BLANK)
     distance_std_m: Array | None = field(default=None, metadata=BLANK)
     aod_std_rad: Array | None = field(default=None, metadata=BLANK)
     aoa_std_rad: Array | None = field(default=None, metadata=BLANK)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -87,7 +88,8 @@ def _check_track(agent: Agent, room: Room, where: str) -> None:
         index = error.index + len(agent.waypoints_m or ()) - len(agent.way) + 1
         x, y = agent.way[error.index + 1]
         found = f"room to turn with a radius of {error.radius:.3g} m at ({x:g}, {y:g})"
-        cure = "longer legs beside it, a blunter corner, or a shorter step_m"
+        step = math.floor(1e3 * error.step) / 1e3  # 0 of a turn on the spot
+        cure = f"longer legs beside it, a blunter corner{f', or a step_m of {step:g} or less' * (step > 0)}"
         allowed = f"{error.smallest:.3g} m or more: {cure}"
         raise fault(f"{where}.waypoints_m[{index}]", found, allowed) from None
     if agent.steps is not None and agent.steps > len(track):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gridslam.arrays import Array
@@ -13,10 +15,13 @@ TURN_STEPS, TIGHTEST_STEPS = 16, 8
 
 
 class TightCorner(ValueError):
-    """A corner that the legs beside it leave no room to round; `index` counts waypoints after the start."""
+    """A corner that the legs beside it leave no room to round; `index` counts waypoints after the start.
 
-    def __init__(self, index: int, radius: float, smallest: float) -> None:
-        self.index, self.radius, self.smallest = index, radius, smallest
+    `step` is the longest, m, with which there were room.
+    """
+
+    def __init__(self, index: int, radius: float, smallest: float, step: float) -> None:
+        self.index, self.radius, self.smallest, self.step = index, radius, smallest, step
         super().__init__(f"corner {index} has room for a radius of {radius:.3g} m, not for {smallest:.3g} m")
 
 
@@ -50,7 +55,7 @@ def smooth_track(
     Raises
     ------
     TightCorner
-        Two legs are too short for the turn between them.
+        Two legs are too short for the turn between them; the tightest such turn.
     """
     speed = step / interval
     wide, tight = (max(count * step, speed * speed / acceleration) for count in (TURN_STEPS, TIGHTEST_STEPS))
@@ -60,8 +65,12 @@ def smooth_track(
     tangent = np.abs(np.tan(turn / 2))
     room = 0.5 * np.minimum(length[:-1], length[1:])
     radius = np.minimum(wide, room / np.maximum(tangent, 1e-12))
-    for corner in np.flatnonzero((radius < tight) & (np.abs(turn) > 1e-9)):
-        raise TightCorner(int(corner), float(radius[corner]), tight)
+    narrow = np.where(np.abs(turn) > 1e-9, radius, np.inf)
+    if (narrow < tight).any():
+        corner = int(narrow.argmin())
+        least = float(radius[corner])
+        longest = min(least / TIGHTEST_STEPS, interval * math.sqrt(least * acceleration))
+        raise TightCorner(corner, least, tight, longest)
 
     cut = np.concatenate([[0.0], radius * tangent, [0.0]])  # of each leg, taken by the arc at either end
     pieces = np.empty(2 * len(legs) - 1)

@@ -217,7 +217,7 @@ def test_other_anchors_and_agents_are_refused(tmp_path, tables):
     table = tables["room", 1]
     found = suspicions(columns(table), ("X", "Y"), SCENES["room"])
     assert [item.column for item in found] == ["anchor"]
-    assert suspicions(columns(table), ("1", "2"), SCENES["room"]) == []
+    assert suspicions(columns(table), ("1", "2"), SCENES["room"], numbers=True) == []
     with pytest.raises(InputError):
         suspicions(columns(table), table.anchors, SCENES["room"], "nobody")
     with pytest.raises(InputError):

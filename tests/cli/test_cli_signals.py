@@ -94,6 +94,7 @@ def test_files_of_another_kind_say_where_they_go(say):
         (("overlap", "--method", "direct", "--signal", "heard.h5"), "measured paths go in by --measurements"),
         (("room", "--measurements", "map.h5"), "maps go in by --map"),
         (("room", "--signal", "heard.csv"), "allowed: --measurements heard.csv"),
+        (("overlap", "--signal", "z.h5"), "allowed: --method direct, direct_grid, hybrid, or --measurements"),
     ):
         result = say("run", *words)
         assert (result.code, len(result.complaints)) == (2, 1), result

@@ -6,10 +6,12 @@ import subprocess
 import sys
 from dataclasses import replace
 from importlib.metadata import version
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from rich.table import Table
 from scene_samples import shortened
 from tiny import TINY
@@ -349,3 +351,16 @@ def test_one_anchor_without_departures_is_said_to_leave_the_turn_to_the_start(me
     assert not any("turned" in hint for hint in hints(screen, "hybrid", None)), "it is told the heading"
     two = screen.model_copy(update={"anchors": [screen.anchors[0], screen.anchors[0]]})
     assert not any("turned" in hint for hint in hints(two, method, heard))
+
+
+def test_what_takes_seconds_shows_that_it_goes_on_where_there_is_a_terminal(monkeypatch):
+    from gridslam.cli import output
+
+    monkeypatch.setattr(output, "err", Console(force_terminal=True, file=StringIO()))
+    with output.busy("drawing figures"):
+        pass
+    assert "drawing figures" in output.err.file.getvalue()
+    monkeypatch.setattr(output, "err", Console(file=StringIO()))
+    with output.busy("drawing figures"):
+        pass
+    assert output.err.file.getvalue() == ""

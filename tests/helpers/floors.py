@@ -18,6 +18,6 @@ FLOORS = (
     "kernels/management kernels/messages",
     "kernels/propagation",
     "kernels/primitives",
-    "errors arrays wording",
+    "errors arrays quantity wording",
 )
 """The highest first; rooms may import from lower floors and from their own."""

@@ -105,6 +105,9 @@ def test_ranging_alone_is_a_table_of_four_columns(tmp_path):
         (f"{HEADER}\n{ROW}\n\n1,0.0,A,1,0,0,3", ": line 4: time_s", "rise strictly"),
         (f"{HEADER}\n{ROW}\n0,0.1,A,1,0,0,3", ": line 3: time_s", "one time"),
         (f'{HEADER}\n{ROW}\n0,0.0,"A,1,0,0,3', ": line 3", "CSV row"),
+        (f'{HEADER}\n0,0.0,"A,1,0,0,3\n' + f"{ROW}\n" * 9000, ": line 2", "mark that isn't closed"),
+        (f"{HEADER},,\n{ROW},,\n{ROW},,9", ": line 3", "9 cells"),
+        ((f"{HEADER}\n{ROW}").replace(",", " "), ": line 1", "set apart by spaces; allowed: commas"),
     ],
 )
 def test_csv_fault_is_told_with_its_line(tmp_path, text, where, says):
@@ -194,6 +197,9 @@ def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):
         "semicolons": plain.replace(",", ";").replace(".", ","),
         "tabs": plain.replace(",", "\t"),
         "remarks": "# recorded on Tuesday; by tram, no. 3\n#\n" + plain,
+        "remarks between": plain.replace("1,0.5", "# pause, of 3 s\n1,0.5"),
+        "nameless columns": plain.replace("\n", ",,\n"),
+        "empty rows": plain.replace("1,0.5", ",,,,,\n1,0.5") + " , ,,,,\n,,,,,\n",
         "nan": plain.replace("A,3.75,,", "A,3.75,nan,").replace("0.25,\n", "0.25,NaN\n"),
         "degrees": plain.replace("aoa_rad", "aoa_deg").replace("0.5235987755982988", "30"),
     }

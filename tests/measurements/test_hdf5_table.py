@@ -98,7 +98,7 @@ def replace(file, name, values):
         (lambda f: [f.__delitem__(f"measurements/{name}") for name in VALUES], ": /measurements"),
         (lambda f: replace(f, "measurements/aoa_rad", np.zeros(3)), ": /measurements/aoa_rad"),
         (lambda f: replace(f, "measurements/aoa_rad", np.array([b"x"] * 4)), ": /measurements/aoa_rad"),
-        (lambda f: replace(f, "measurements/step", np.arange(4.0)), ": /measurements/step"),
+        (lambda f: replace(f, "measurements/step", np.arange(4) / 2), ": /measurements/step[1]"),
         (lambda f: replace(f, "measurements/step", np.arange(4)[::-1]), ": /measurements/step[1]"),
         (lambda f: replace(f, "measurements/anchor", np.full(4, 7)), ": /measurements/anchor[0]"),
         (lambda f: replace(f, "measurements/time_s", np.zeros(4)), ": /measurements/time_s[1]"),

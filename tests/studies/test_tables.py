@@ -1,6 +1,7 @@
 """Tables and figures of studies, against hand-made runs."""
 
 import csv
+import json
 import re
 import warnings
 from dataclasses import replace
@@ -11,11 +12,14 @@ from made_up_runs import AGENTS, Here, made_up, plan
 from matplotlib.text import Text
 from tiny import TINY
 
+import gridslam as gs
 from gridslam.cli.study import _table
 from gridslam.drawing.map_figure import encoded
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
+from gridslam.runs.summary import Entry, told
 from gridslam.studies.batches import Benchmark, _benchmarks, batches
+from gridslam.studies.columns import HEAD, RECORD, RUNS, STEPS, SUMMARY
 from gridslam.studies.looks import DOTTED, SPARSE, STYLES
 from gridslam.studies.plots import (
     draw_cdf,
@@ -85,12 +89,42 @@ def test_tables_add_up(scene, tmp_path):
         told[path.stem] = set(rows[0])
         assert {row["agent"] for row in rows} == set(AGENTS)
         assert all(len(row) == len(rows[0]) and None not in row for row in rows)
+    for name, columns in (("steps", STEPS), ("summary", SUMMARY)):
+        assert told[name] == {one.name for one in columns}, "what is written is what is described"
+    assert told["runs"] - {one.name for one in RUNS} == set()
     assert {f"position_{of}_map_bound_m" for of in ("known", "unknown")} <= told["steps"]
     assert not told["steps"] & {"position_bound_m", "heading_bound_deg", "mospa_bound_m"}, "run.json's: known"
     assert not (told["runs"] | told["steps"]) & {name for name in told["summary"] if "rmse" in name}
     with (tmp_path / "runs.csv").open(newline="") as file:
         first, *_ = csv.DictReader(file)
     assert (first["seed"], first["map_auc"], first["reflection_mae"]) == ("0", "", "0.25")
+
+
+def test_results_are_what_is_described(scene, tmp_path):
+    """The first line of study.jsonl, that of a run of agents in turn and that of one of all at once."""
+    exchange = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    brief = {**exchange, "agents": [{**agent, "steps": 3} for agent in exchange["agents"][:2]]}
+    brief = gs.Scene.checked({**brief, "filter": {**exchange["filter"], "particles": 100}}, "exchange")
+    lines = []
+    for one, method in ((scene, "grid"), (brief, "network")):
+        varied = (("filter.births", (0.05,)),)
+        run_study(Study((one,), (method,), (1,), varied), tmp_path / method, InThisProcess())
+        lines += map(json.loads, (tmp_path / method / "study.jsonl").read_text().splitlines())
+    head, record, _, other = lines
+    found = set()
+    for content, entries in ((head, HEAD), (record, RECORD), (other, RECORD)):
+        for key, value, one in told(content, entries):
+            assert isinstance(one, Entry), key
+            assert value is None or one.fits(value), key
+            found.add(one)
+    assert found == {*HEAD, *RECORD}
+
+
+class InThisProcess:
+    """Workers that do what they are told, one after the other."""
+
+    def run(self, work, tasks):
+        yield from enumerate(map(work, tasks))
 
 
 def test_standard_errors_over_seeds_and_differences_on_the_same_ones(scene, tmp_path):

@@ -144,6 +144,12 @@ def test_a_method_without_start_at_is_told_its_start_by_the_scene():
     assert (run.agent, run.start, run.scene) == ("agent2", "drawn", SCENE)
 
 
+def lines(existence):
+    """A surface that a method found."""
+    half = np.full(1, 0.5)
+    return gs.SurfaceEstimate.from_lines([[0.1, 2.0]], np.eye(2)[None], half, half, np.array([existence]))
+
+
 @pytest.mark.parametrize(
     ("method", "says"),
     [
@@ -158,6 +164,14 @@ def test_a_method_without_start_at_is_told_its_start_by_the_scene():
         (spoiled(step=lambda self, s: gs.Estimate.of_pose(s, [np.nan, 0], 0.0, np.eye(3))), "NaN"),
         (spoiled(step=lambda self, s: replace(Least.step(self, s), position_m=["a", "b"])), "numbers"),
         (spoiled(step=lambda self, s: replace(Least.step(self, s), time_s=-1.0)), "as in the scan"),
+        (
+            spoiled(step=lambda self, s: replace(Least.step(self, s), covariance=np.full((5, 5), np.nan))),
+            r"Spoiled\.step: covariance\[0, 0\]: found NaN or infinity; allowed: finite numbers",
+        ),
+        (
+            spoiled(step=lambda self, s: gs.Estimate.of_pose(s, [0, 0], 0.0, np.eye(3), surfaces=lines(1.2))),
+            r"Spoiled\.step: surfaces\.existence\[0\]: found 1\.2; allowed: 0 to 1",
+        ),
         (lambda scene: None, "no class"),
     ],
 )

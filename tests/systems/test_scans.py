@@ -96,7 +96,10 @@ def test_signals_and_agents_at_once_are_taken_in_once_a_time():
 def test_columns_that_were_not_measured_may_be_left_out():
     one, two = gs.GridSlam(SCENE, seed=1), gs.GridSlam(SCENE, seed=1)
     nothing = np.full(len(SCANS[0]), np.nan)
-    left_out = one.step(replace(SCANS[0], aod_rad=None, amplitude=None))
+    first = SCANS[0]
+    left_out = one.step(
+        gs.Scan(first.step, first.time_s, first.anchor, first.distance_m, aoa_rad=first.aoa_rad)
+    )
     unknown = two.step(replace(SCANS[0], aod_rad=nothing, amplitude=nothing))
     np.testing.assert_array_equal(left_out.covariance, unknown.covariance)
     with pytest.raises(gs.InputError, match="scan: "):

@@ -210,7 +210,8 @@ def test_fast_agent_turns_wider(scene):
     def hurry(world):
         world["agents"][0].update(interval_s=0.2)  # 0.25 m/s: 0.8 m would be 2.6 standard deviations
 
-    with pytest.raises(InputError, match=r"waypoints_m\[0\]: found room to turn with .* 1 m at \(2, 0\)"):
+    says = r"waypoints_m\[0\]: found room to turn with .* 1 m at \(2, 0\); .* or a step_m of 0\.034 or less"
+    with pytest.raises(InputError, match=says):
         Scene.from_toml(changed(hurry))  # the corner itself, not the start
 
     def eagerly(world):

@@ -197,6 +197,20 @@ def test_turning_back_on_the_spot_is_refused():
     with pytest.raises(TightCorner) as caught:
         smooth_track(np.array([[0.0, 0.0], [2, 0], [4, 0], [2, 0]]), 0.05, 1.0, 0.03)
     assert caught.value.index == 1
+    assert caught.value.step == pytest.approx(0)
+
+
+def test_the_tightest_corner_is_told_with_the_longest_step_that_all_corners_have_room_for():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [1.3, 0.5], [1.3, 2.0]])
+    with pytest.raises(TightCorner) as caught:
+        smooth_track(points, 0.05, 1.0, 0.03)
+    assert (caught.value.index, caught.value.radius) == (1, pytest.approx(0.15))
+    smooth_track(points, caught.value.step, 1.0, 0.03)
+    with pytest.raises(TightCorner):
+        smooth_track(points, 1.001 * caught.value.step, 1.0, 0.03)
+    with pytest.raises(TightCorner) as caught:  # sideways: the square of the speed over the acceleration
+        smooth_track(points, 0.05, 0.1, 0.03)
+    smooth_track(points, caught.value.step, 0.1, 0.03)
 
 
 def test_pauses_hold_the_pose_at_the_middle_of_each_corner_and_nothing_else_changes():
