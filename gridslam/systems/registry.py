@@ -59,6 +59,8 @@ class Method:
         What received the signals that it takes.
     has_health : bool
         Whether it tells if it trusts itself.
+    clocked : str
+        The same method of clocks that aren't known, which stands for it there.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Method:
     learns: bool = False
     antennas: Antennas = "any"
     has_health: bool = True
+    clocked: str = ""
 
 
 _ENTERED = (
@@ -84,6 +87,7 @@ _ENTERED = (
         "grid SLAM: surfaces, their reflection coefficients and an occupancy grid",
         "docs/model.md#5-the-occupancy-grid",
         on_angles=True,
+        clocked="network_grid",
     ),
     Method(
         "adaptive",
@@ -91,6 +95,7 @@ _ENTERED = (
         "adaptive SLAM: surfaces alone, each ray with an amplitude of its own",
         "docs/model.md#7-adaptive-slam-amplitudes-of-rays",
         on_angles=True,
+        clocked="network",
     ),
     Method(
         "va",

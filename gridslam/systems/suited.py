@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from gridslam.systems.registry import METHODS
 from gridslam.world.network_scene import clocks_are_known
 
 if TYPE_CHECKING:
     from gridslam.world.scene import Scene
     from gridslam.world.waveform import Waveform
-
-FINDS_CLOCKS = {"grid": "network_grid", "adaptive": "network"}
-"""The same methods, of clocks that aren't known."""
 
 
 def suited(method: str | type, waveform: Waveform | None) -> str | type:
@@ -22,7 +20,7 @@ def suited(method: str | type, waveform: Waveform | None) -> str | type:
 
 
 def clocked(method: str | type, scene: Scene, agents: Sequence[str]) -> str | type:
-    """The method that stands for another one where clocks aren't known: see `FINDS_CLOCKS`."""
-    if not isinstance(method, str) or clocks_are_known(scene, agents):
+    """The method that stands for another one where clocks aren't known: `Method.clocked`."""
+    if method not in METHODS or clocks_are_known(scene, agents):
         return method
-    return FINDS_CLOCKS.get(method, method)
+    return METHODS[method].clocked or method
