@@ -190,7 +190,7 @@ def columns_in_degrees(path: str | os.PathLike[str]) -> dict[str, str]:
 
 def _header(reader: Iterator[list[str]]) -> tuple[list[str], int]:
     """Names of the columns, and how many cells they are with nameless ones at the end, as of spreadsheets."""
-    names = [name.strip() for name in next((row for row in reader if row), [])]
+    names = [name.strip() for name in next((row for row in reader if any(map(str.strip, row))), [])]
     last = max((place for place, name in enumerate(names) if name), default=-1)
     return names[: last + 1], len(names)
 

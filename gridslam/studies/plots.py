@@ -203,7 +203,8 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
     mark, scene = own[0].benchmark, Scene.from_toml(own[0].variant.scene, own[0].variant.name)
     names = surface_names(scene.walls, scene.segments())
     chosen = np.sort(np.argsort(mark.surface_since, kind="stable")[:MOST_SURFACES])
-    if not len(chosen):
+    told = [not np.isnan(batch.mapped(batch.mean("surfaces"))).all() for batch in own]
+    if not len(chosen) or not any(told):  # bounds alone tell nothing of a method
         return None
     columns = min(3, len(chosen))
     rows = -(-len(chosen) // columns)
@@ -218,7 +219,7 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
         share.set(ylim=(0, 1.02))
         share.tick_params(labelsize="x-small", labelright=panel.get_subplotspec().is_last_col())
         for number, batch in enumerate(own):
-            if np.isnan(batch.mapped(batch.mean("surfaces"))).all():  # it maps no surfaces
+            if not told[number]:
                 continue
             color, style = look(number)
             error = batch.steps["surface_error_m"][:, column]

@@ -199,6 +199,7 @@ def test_csv_of_spreadsheets_and_of_savetxt_reads_as_a_plain_one(tmp_path):
         "remarks": "# recorded on Tuesday; by tram, no. 3\n#\n" + plain,
         "remarks between": plain.replace("1,0.5", "# pause, of 3 s\n1,0.5"),
         "nameless columns": plain.replace("\n", ",,\n"),
+        "an empty row first": ",,,,,\n" + plain,
         "empty rows": plain.replace("1,0.5", ",,,,,\n1,0.5") + " , ,,,,\n,,,,,\n",
         "nan": plain.replace("A,3.75,,", "A,3.75,nan,").replace("0.25,\n", "0.25,NaN\n"),
         "degrees": plain.replace("aoa_rad", "aoa_deg").replace("0.5235987755982988", "30"),

@@ -322,6 +322,7 @@ def test_a_study_of_a_method_that_maps_no_surfaces_draws_without_a_warning():
         bare = replace(own[0], steps=own[0].steps | none)
         encoded(draw_mospa([own[0], bare]))
         assert draw_mospa([bare]) is None, "empty panels"
+        assert draw_surfaces([bare]) is None, "bounds alone"
 
 
 @pytest.mark.slow
