@@ -82,9 +82,9 @@ def _stand_in(asked: Asked) -> list[str]:
     """Which method stands for the one that was asked for."""
     if asked.instead_of is None:
         return []
-    labels = "" if asked.measurements else "; labels are simulated, too (without: --method network)"
+    labels = "" if asked.measurements else f"; labels are simulated, too (without: --method {asked.method})"
     found = f"{asked.world.name}: clocks aren't known, so {asked.instead_of} is {asked.method}"
-    return [f"{found}, which finds them, of all agents at once{labels}"]
+    return [f"{found}, which finds them, those of all agents at once{labels}"]
 
 
 def _notes_of_rows(asked: Asked, heard: NetworkMeasurements) -> list[str]:

@@ -77,6 +77,7 @@ def _require_sound(state: NetworkState, model: NetworkModel, where: str) -> None
         ("belief/covariance", sound, "symmetric, with variances that aren't negative"),
         ("turn_variance", 0 <= (state.turn_variance or 0.0) < np.inf, "0 or more, or none"),
         ("turn_anchor", 0 <= state.turn_anchor < len(model.anchor_names), "the number of an anchor"),
+        ("turning", state.turning is None or state.turning.shape == state.here.shape, "one mark an agent"),
         ("walks", state.walks is None or _sound_walks(state.walks, state), "as many as ways and clocks"),
     ]
     require_claims(claims, where)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 from gridslam.inference.health import reasons
@@ -11,7 +11,7 @@ from gridslam.inference.health import reasons
 BEYOND_ONE = 35.0
 """Nats by which lines of sight have to tell another place: more than any one measurement can say."""
 ANOTHER = 10.0
-"""Nats that have to remain without all anchors in one line: of them a mirror may show more than one."""
+"""Nats that have to remain without the anchors that one mirror may show there."""
 AGREED, TOGETHER_M = 3, 1.0
 """Looks in a row that have to put the agent at one other place; how far apart they may do so."""
 
@@ -28,15 +28,12 @@ class FreshLook:
         Looks in a row, up to the latest, that put it at that place.
     x_m, y_m : float
         Where that is.
-    borne_out : bool
-        Whether a look has borne out where the agent is believed to be, and all has been well since.
     """
 
     nats: float = 0.0
     agreed: int = 0
     x_m: float = 0.0
     y_m: float = 0.0
-    borne_out: bool = field(default=False, metadata={"later": True})
 
     @property
     def called(self) -> bool:
@@ -48,15 +45,9 @@ class FreshLook:
         again = self.agreed and math.hypot(x_m - self.x_m, y_m - self.y_m) < TOGETHER_M
         return replace(self, nats=nats, agreed=self.agreed + 1 if again else 1, x_m=x_m, y_m=y_m)
 
-    def here(self, bears_out: bool = False) -> Self:
-        """A look that finds no better place, and may bear out the believed one."""
-        borne_out = self.borne_out or bears_out
-        asks = self.agreed or borne_out != self.borne_out
-        return replace(self, nats=0.0, agreed=0, borne_out=borne_out) if asks else self
-
-    def doubted(self) -> Self:
-        """Something isn't well: what was borne out need no longer be so."""
-        return replace(self, borne_out=False) if self.borne_out else self
+    def here(self) -> Self:
+        """A look that finds no better place."""
+        return replace(self, nats=0.0, agreed=0) if self.agreed else self
 
     def reasons(self) -> list[str]:
         """What speaks against the believed place."""

@@ -21,9 +21,9 @@ SLOW = 0.03
 SILENT, LOST, MISFIT, LOUD_CLUTTER, FEW, VAGUE_M = 5, 0.5, 1.7, 3.0, 3.0, 1.0
 """When something is amiss: steps of silence; share of the usual explained; ratio of innovations to what is
 expected; of clutter; effective particles; position's standard deviation."""
-FEW_UNEXPLAINED = 1.5
-"""Measurements of an anchor and step that nothing explains, up to which none are clutter: paths over two
-walls, walls that are still to be born."""
+FEW_UNEXPLAINED = 0.75
+"""Measurements a step that nothing explains, of an anchor (of all where nothing says whose they are), up to
+which none are clutter: paths over two walls, walls that are still to be born."""
 CALLED = 4.26
 """Deviations beyond which innovations are called too large: 1 step in 100 000 by chance; runs are long."""
 UNCHECKED_M = 0.3
@@ -153,7 +153,7 @@ class HealthMonitor:
 
     def found_again(self) -> Self:
         """The agent was found by other means than following it."""
-        return replace(self, since=0, lost=0, look=FreshLook())
+        return replace(self, since=0, lost=0)
 
     def leapt(self, metres: float) -> Self:
         """The agent is taken to be elsewhere, so far from where its motion led; 0 if it may have led there.
@@ -166,7 +166,7 @@ class HealthMonitor:
 
     def judged(self, well: bool) -> Self:
         """Health was well at this step, or wasn't."""
-        return replace(self, since_well=0) if well else replace(self, look=self.look.doubted())
+        return replace(self, since_well=0) if well else self
 
     @property
     def distrusted(self) -> bool:

@@ -18,7 +18,7 @@ from gridslam.inference.health.monitor import SILENT, SWAMPED
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.free_turn import ANY
 from gridslam.inference.management.mixture import poses, together
-from gridslam.inference.management.poses.one_mirror import shown_together
+from gridslam.inference.management.poses.one_mirror import added_by_mirror, shown_by_mirror
 from gridslam.inference.management.poses.pose_fix import Sources, known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, freed, leap
 from gridslam.inference.management.poses.pose_score import Snapshot
@@ -94,10 +94,10 @@ def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator
     # beside an anchor a few millimetres decide, which looks about the believed pose miss
     if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD:
         return Comparison(best, best)
-    there_pose = refined_poses[1]
-    each = np.array([terms.score(there_pose[None], 1.0)[0] for terms in snapshot.terms])
-    anchors = np.array([terms.position for terms in snapshot.terms])
-    return Comparison(best, here, shown_together(anchors, there_pose[:2], each))
+    other = refined_poses[1]
+    each = np.array([terms.score(other[None], 1.0)[0] for terms in snapshot.terms])
+    shown = shown_by_mirror(np.array([terms.position for terms in snapshot.terms]), believed, other)
+    return Comparison(best, here, added_by_mirror(each, shown))
 
 
 def refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> tuple[Array, Array]:

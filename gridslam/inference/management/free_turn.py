@@ -12,6 +12,7 @@ from dataclasses import replace as changed
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief, solved
@@ -52,11 +53,22 @@ def turn_followed(
 def turn_of_all(
     population: Population[NetworkState], scan: NetworkScan, model: NetworkModel
 ) -> Population[NetworkState]:
-    """The same before a scan of several agents, which turn together about the only anchor there is."""
+    """The same before a scan of several agents, which turn together about the only anchor there is.
+
+    Those alone that have been there: what is told of the others' starts is of no turn of theirs. When one
+    joins, the turn is put back, and that of all held out.
+    """
     if len(model.anchor_names) > 1:
         return population
     told = any(own is not None and bool(np.isfinite(own.aod_rad).any()) for own in scan.scans)
-    return _followed(population, told, model.agents[0], 0)
+    there = np.array([own is not None for own in scan.scans])
+    states = list[NetworkState]()
+    for state in population.states:
+        turning = there if state.turning is None else state.turning | there
+        if state.turning is None or (turning != state.turning).any():
+            state = replace(with_turn(state, model.agents[0]), turn_variance=None, turning=turning)
+        states.append(state)
+    return _followed(changed(population, states=tuple(states)), told, model.agents[0], 0)
 
 
 def _followed(
@@ -76,7 +88,7 @@ def without_turn(state: Turning, model: FilterModel, anchor: int = 0) -> Turning
     if state.turn_variance is not None:
         return state
     belief = state.belief
-    way = direction(belief, model.places[anchor, :2])
+    way = direction(belief, model.places[anchor, :2], _turning(state))
     known = float(way @ solved(belief.covariance, way[:, None])[:, 0])
     held = max(1 / known - LEFT, 0.0)
     return replace(_wider(state, way, -held), turn_variance=held, turn_anchor=anchor)
@@ -87,7 +99,7 @@ def with_turn(state: Turning, model: FilterModel) -> Turning:
     if not state.turn_variance:
         return state
     place = model.places[state.turn_anchor, :2]
-    return _wider(state, direction(state.belief, place), state.turn_variance)
+    return _wider(state, direction(state.belief, place, _turning(state)), state.turn_variance)
 
 
 def all_with_turn(population: Population[Turning], model: FilterModel) -> Population[Turning]:
@@ -97,17 +109,27 @@ def all_with_turn(population: Population[Turning], model: FilterModel) -> Popula
     return changed(population, states=tuple(with_turn(state, model) for state in population.states))
 
 
-def direction(belief: Belief, place: Array) -> Array:
-    """By how much all entries of a belief change when all turns about a place (2,), per rad, (N,)."""
+def direction(belief: Belief, place: Array, turning: NDArray[np.bool_] | None = None) -> Array:
+    """By how much all entries of a belief change when all turns about a place (2,), per rad, (N,).
+
+    Parameters
+    ----------
+    turning : (I,) bool, optional
+        Which agents do; default: all.
+    """
     mean, lines, layout = belief.mean, belief.lines, belief.layout
     way = np.zeros(len(mean))
-    for agent in range(layout.agents):
+    for agent in range(layout.agents) if turning is None else np.flatnonzero(turning).tolist():
         own, at = mean[layout.pose(agent)], layout.pose(agent).start
         way[at], way[at + 1] = place[1] - own[1], own[0] - place[0]
         way[at + 2], way[at + 3], way[at + HEADING] = -own[3], own[2], 1.0
     way[layout.angles] = 1.0
     way[layout.offsets] = unit(lines[:, 0] + 0.5 * np.pi) @ place
     return way
+
+
+def _turning(state: State | NetworkState) -> NDArray[np.bool_] | None:
+    return state.turning if isinstance(state, NetworkState) else None
 
 
 def _wider(state: Turning, way: Array, variance: float) -> Turning:

@@ -327,7 +327,8 @@ def test_a_line_of_sight_bears_out_a_place_only_where_its_clock_is_known():
 
 
 @pytest.mark.parametrize(
-    ("stated", "heard", "called"), [(0.01, 1, False), (0.01, 4, True), (2.0, 5, False), (2.0, 8, True)]
+    ("stated", "heard", "called"),
+    [(0.01, 0.5, False), (0.01, 4, True), (0.1, 1, True), (2.0, 5, False), (2.0, 8, True)],
 )
 def test_a_few_that_nothing_explains_are_no_clutter(stated, heard, called):
     """A table without false alarms still holds paths over two walls, of which no filter knows at first."""

@@ -284,19 +284,24 @@ def test_a_step_that_is_hardly_explained_is_compared_at_once(mapped, scans):
         assert (watch.lead, watch.loud) == (0.0, 0.0), "of wrong steps alone it would say too little"
 
 
-@pytest.mark.parametrize(("place", "alike"), [((-0.4, 0.1), True), ((2.0, 1.5), False)])
-def test_a_scan_that_one_mirror_shows_is_told_from_one_that_it_does_not(mapped, place, alike):
-    """Two lines of sight without amplitudes, from between the anchors or from beside them."""
+@pytest.mark.parametrize("mirrored", [True, False])
+def test_what_one_mirror_shows_of_two_anchors_is_told_from_lines_of_sight(mapped, mirrored):
+    """Without amplitudes, from a place in line with both: as the mirror shows it, or with another heading."""
     slam, _ = mapped
-    toward = slam.model.places[:2, :2] - place
+    far, near = slam.model.places[0, :2], slam.model.places[1, :2]
+    image = near + 3.0 * (near - far) / np.hypot(*(near - far))
+    believed = np.array([1.5, -1.0, 0.5])
+    wall = np.arctan2(*(image - believed[:2])[::-1])
+    toward = slam.model.places[:2, :2] - image
     back, distance = np.arctan2(*toward.T[::-1]), np.hypot(*toward.T)
+    heading = 2 * back[0] + believed[2] - 2 * wall - np.pi + (0.0 if mirrored else 1.5)
     leaving = wrap(back + np.pi - slam.model.places[:2, 2])
-    heard = gs.Scan(40, 40.0, np.arange(2), distance, leaving, wrap(back - 0.3), np.full(2, np.nan))
+    heard = gs.Scan(40, 40.0, np.arange(2), distance, leaving, wrap(back - heading), np.full(2, np.nan))
     snapshot = snapshot_of(split_by_anchor(heard, slam.model), slam.state, slam.model)
-    best, here, mirrored = best_snapshot(snapshot, np.array([-2.5, -2.0, 2.0]), np.random.default_rng(1))
+    best, here, added = best_snapshot(snapshot, believed, np.random.default_rng(1))
     assert best - here > 18
-    assert (mirrored > 8) == alike
-    assert bool(Doubt().compared(1e3, best, here, mirrored, 2.0).elsewhere) != alike
+    assert (added > 8) == mirrored
+    assert bool(Doubt().compared(1e3, best, here, added, 2.0).elsewhere) != mirrored
 
 
 def test_what_is_hardly_explained_counts_for_more_by_hand():

@@ -28,5 +28,6 @@ def watched_sights(
         early = KEEP * early + (1 - KEEP) * now
     if early > EARLY:
         info = info.doubted(reasons.early(early))
-    monitor = replace(part.monitor, early=early).judged(info.health.ok)
-    return (part if monitor == part.monitor else replace(part, monitor=monitor)), info
+    if early != part.monitor.early:
+        part = replace(part, monitor=replace(part.monitor, early=early))
+    return part, info

@@ -2,9 +2,8 @@
 
 A world in which poses, clocks and walls are wrong together fits itself, and no innovation tells. Lines of
 sight do, once two anchors are in sight: their angles and amplitudes make a pose that owes nothing to map or
-clocks. But what comes over one wall from anchors that lie in one line looks just so, (M546), and who was
-followed well from a place that lines of sight have borne out isn't elsewhere all at once.
-docs/model.md, (M492), (M546).
+clocks. But what comes over one wall from anchors that lie in one line looks just so, (M546).
+docs/model.md, (M492).
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.health.fresh_look import ANOTHER, BEYOND_ONE
 from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.management.network.recovery import FLOOR, Beacons, log_likelihood, placed_at
-from gridslam.inference.management.poses.one_mirror import in_line
+from gridslam.inference.management.poses.one_mirror import shown_by_mirror
 from gridslam.inference.management.poses.pose_fix import COPIES, POSE, Fix, best_pose
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_scan
@@ -54,7 +53,7 @@ class Look(NamedTuple):
     nats : float
         Its log likelihood, above that of clutter alone.
     aside : float
-        What of it remains without all anchors that may be seen over one mirror.
+        What of it remains without all anchors that one mirror may show there.
     """
 
     fix: Fix
@@ -63,14 +62,10 @@ class Look(NamedTuple):
     aside: float
 
     @property
-    def here(self) -> bool:
-        """Whether it is where the agent is believed to be."""
-        return self.square < BELIEVED**2
-
-    @property
-    def tells(self) -> bool:
-        """Whether it takes several lines of sight, which no mirror shows together."""
-        return self.nats >= BEYOND_ONE and self.aside >= ANOTHER
+    def elsewhere(self) -> bool:
+        """Whether several lines of sight, which no mirror shows together, put the agent elsewhere."""
+        several = min(self.fix.gain, self.nats) >= BEYOND_ONE and self.aside >= ANOTHER
+        return several and self.square >= BELIEVED**2
 
 
 def look_afresh(
@@ -93,11 +88,11 @@ def look_afresh(
             found = _looked(state, agent, scan, model.agents[agent], work=works[agent])
             if found is not None:
                 fix = found.fix
-                if found.tells and not found.here and fix.gain >= BEYOND_ONE and not look.borne_out:
+                if found.elsewhere:
                     look = look.elsewhere(fix.gain, float(fix.pose[0]), float(fix.pose[1]))
                     fixes[agent] = fix
                 else:
-                    look = look.here(found.tells and found.here)
+                    look = look.here()
         state = state.recorded(agent, replace(record.monitor, look=look))
     here = [agent for agent, scan in enumerate(scans) if scan is not None]
     if state.clocks.framed:  # with no clock to go by, a look is right too seldom to act upon: health tells
@@ -139,8 +134,9 @@ def _looked(
     if fix is None:
         return None
     nats = float(likelihood(fix.pose[None])[0])
-    lines = in_line(beacons.place[:, :2], fix.pose[:2])
-    alone = max(float(likelihood(fix.pose[None], beacons.only(own))[0]) for own in lines)
+    spread = float(np.sqrt(np.linalg.eigvalsh(fix.covariance[:2, :2])[-1]))
+    shown = shown_by_mirror(beacons.place[:, :2], part.belief.mean[POSE], fix.pose, spread)
+    alone = float(likelihood(fix.pose[None], beacons.only(shown))[0]) if shown.any() else 0.0
     gap = fix.pose - part.belief.mean[POSE]
     gap[2] = wrap(gap[2])
     own = part.belief.covariance[np.ix_(POSE, POSE)] + fix.covariance + FLOOR

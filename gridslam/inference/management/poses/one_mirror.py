@@ -10,28 +10,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.world.geometry import wrap
+from gridslam.world.geometry import unit, wrap
 
-IN_LINE_RAD = np.radians(20.0)
-"""Angle between two directions up to which the headings that they tell hardly differ."""
-
-
-def in_line(anchors: Array, place: Array) -> NDArray[np.bool_]:
-    """Which of anchors (J, 2) lie nearly in one line with each other, seen from a place (2,), (J, J)."""
-    toward = np.arctan2(*(anchors - place).T[::-1])
-    apart = np.abs(wrap(2 * (toward[:, None] - toward)))  # twice: on either side of the place
-    return np.asarray(apart < 2 * IN_LINE_RAD)
+ALIKE_RAD = np.radians(25.0)
+"""Within which the heading that a mirror shows and the one that was found are the same."""
+DEVIATIONS = 2.0
+"""Of the other place, by which the mirror may be turned."""
 
 
-def shown_together(anchors: Array, place: Array, nats: Array) -> float:
-    """Nats that one mirror may add to the loudest line of sight, of those that anchors (J,) tell at a place.
+def shown_by_mirror(
+    anchors: Array, believed: Array, other: Array, spread_m: float = 0.0
+) -> NDArray[np.bool_]:
+    """Which anchors (J, 2) the mirror between a believed pose (3,) and another one shows at the other, (J,).
+
+    Those on the believed pose's side of it whose reflections, read as lines of sight, tell the other heading.
 
     Parameters
     ----------
-    anchors : (J, 2) m
-    place : (2,) m
-    nats : (J,)
-        Log likelihood of what each anchor sent, in ratio to clutter.
+    spread_m : float
+        Standard deviation of the other place, which turns the mirror.
     """
-    lines = np.maximum(nats, 0.0) * in_line(anchors, place)
-    return float((lines.sum(1) - lines.max(1, initial=0.0)).max(initial=0.0))
+    step = other[:2] - believed[:2]
+    within = ALIKE_RAD + 2 * DEVIATIONS * spread_m / max(float(np.hypot(*step)), 1e-6)
+    wall = np.arctan2(step[1], step[0])
+    before = (anchors - 0.5 * (believed[:2] + other[:2])) @ unit(wall) < 0
+    toward = np.arctan2(*(anchors - other[:2]).T[::-1])
+    told = 2 * toward + believed[2] - 2 * wall - np.pi
+    return np.asarray(before & (np.abs(wrap(told - other[2])) < within))
+
+
+def added_by_mirror(nats: Array, shown: NDArray[np.bool_]) -> float:
+    """What a mirror may add to the loudest line of sight that it shows, of nats (J,) that anchors tell."""
+    told = np.maximum(nats, 0.0) * shown
+    return float(told.sum() - told.max(initial=0.0))

@@ -97,6 +97,8 @@ class NetworkState:
         is without it: docs/model.md, (M493). None where the belief holds it.
     turn_anchor : int
         About which.
+    turning : (I,) bool, optional
+        Whose turn it is: the agents that have been there.
     """
 
     belief: NetworkBelief
@@ -115,6 +117,7 @@ class NetworkState:
     began_s: float | None = field(default=None, metadata={"later": True})
     turn_variance: float | None = field(default=None, metadata={"later": True})
     turn_anchor: int = field(default=0, metadata={"later": True})
+    turning: NDArray[np.bool_] | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:
