@@ -13,6 +13,7 @@ from gridslam.inference.management.free_turn import (
     LEFT,
     direction,
     turn_followed,
+    turn_of_all,
     with_turn,
     without_turn,
 )
@@ -20,6 +21,7 @@ from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import mirror, unit, wrap
+from gridslam.world.network_scan import NetworkScan
 from gridslam.world.start import assumed_start
 
 
@@ -225,3 +227,22 @@ def test_a_map_says_how_sure_walls_are_with_the_turn(lone_anchor, system):
     assert len(own.surfaces)
     angles = np.sqrt(own.surface_covariance.diagonal()[::2])
     assert (angles > 0.95 * np.sqrt(state.turn_variance)).all()
+
+
+def test_who_was_not_there_yet_is_not_turned(lone_anchor):
+    scene = two_agents(lone_anchor)
+    slam = gs.NetworkSlam(scene, agents=["agent1", "agent2"], seed=1)
+    before, none = slam.now.believed, np.zeros(0)
+    own = gs.Scan(0, 0.0, np.zeros(0, np.int64), none, none, none, none)
+    alone = turn_of_all(before, NetworkScan(0, 0.0, (own, None)), slam.model)
+    pose = before.best.belief.layout.pose(1)
+    changed = alone.best.belief.covariance - before.best.belief.covariance
+    assert alone.best.turn_variance > 0
+    assert not changed[pose].any()
+    assert changed[before.best.belief.layout.pose(0)].any()
+    assert turn_of_all(alone, NetworkScan(1, 1.0, (own, None)), slam.model).best is alone.best
+    both = turn_of_all(alone, NetworkScan(1, 1.0, (own, own)), slam.model).best
+    at_once = turn_of_all(before, NetworkScan(0, 0.0, (own, own)), slam.model).best
+    assert both.turn_variance == pytest.approx(at_once.turn_variance)
+    np.testing.assert_allclose(both.belief.covariance, at_once.belief.covariance, atol=1e-9)
+    assert both.turning.all()
