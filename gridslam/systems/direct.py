@@ -59,6 +59,7 @@ from gridslam.inference.messages.samples.path_levels import (
     watch_fit,
 )
 from gridslam.inference.messages.samples.ring_births import add_tentative
+from gridslam.inference.messages.samples.ring_motion import tell_motion
 from gridslam.inference.messages.samples.signal_likelihood import band_of
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import MOVING
@@ -116,7 +117,7 @@ def step(
         noise = float(state.links.noise[anchor])
         found = find_births(band, samples, paths.prior, noise, rate, state.step < FIRST_STEPS)
         state = update_state(state, paths, found)
-        state = learn_rings(state, paths, found)
+        state = tell_motion(state, learn_rings(state, paths, found), paths)
         state = watch_fit(state, paths, found)
         state = update_levels(state, paths, found)
         state = retire_substitutes(state, paths, found)

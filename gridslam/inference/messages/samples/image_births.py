@@ -193,11 +193,14 @@ class _Births:
     def __init__(self, band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float) -> None:
         self.band, self.samples, self.noise, self.rate = band, samples, noise, rate
         self.taken, self.weak = list[NewDistance](), list[NewDistance]()
-        self.nearest = float(prior.mean[0] + NEAR_M + DEVIATIONS * np.sqrt(1 / prior.precision[0, 0]))
+        deviation = DEVIATIONS * float(np.sqrt(1 / prior.precision[0, 0]))
+        self.nearest = float(prior.mean[0]) + NEAR_M + deviation
+        # (M540): a folding range on from where the line of sight may be, it is heard itself
+        self.farthest = float(prior.mean[0]) - deviation + band.folding_m - band.resolution_m
         self.points = max(POINTS, 2 * len(band))
         grid = band.folding_m / self.points * np.arange(self.points)
         self.grid = grid + band.folding_m * (grid < self.nearest)
-        self.open = self.grid < self.nearest + band.folding_m - band.resolution_m
+        self.open = self.grid < self.farthest
         self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
         self.least = float(np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED - SOLVED_AGAIN)
         self._latest: tuple[Mode, Inverse, Sweep] | None = None
@@ -304,8 +307,7 @@ class _Births:
             return log_odds > 0
         existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
         new = NewDistance(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
-        farthest = self.nearest + self.band.folding_m - self.band.resolution_m
-        possible = existence >= LEAST_EXISTENCE and self.nearest <= new.distance < farthest
+        possible = existence >= LEAST_EXISTENCE and self.nearest <= new.distance < self.farthest
         if possible and existence > 0.5:
             self.taken.append(new)
             return True
