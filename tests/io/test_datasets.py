@@ -1,7 +1,6 @@
 """HDF5 files hold what is described, and readers hold them to it, in a line that names what is off."""
 
 import shutil
-from itertools import product
 
 import h5py
 import numpy as np
@@ -139,15 +138,15 @@ def test_numbers_are_held_to_what_is_described(tmp_path, folder, name, key, one)
     if (name, key) == ("measurements", "measurements/distance_m"):
         bad = [value for value in bad if not np.isfinite(value)]  # offsets of clocks are in them
     path, source, read = tmp_path / "a.h5", folder / f"{name}.h5", FILES[name][2]
-    for value, place in product(bad, (0.0, 0.999)):
-        if put_value(path, source, key, value, place):
+    for value in bad:
+        if put_value(path, source, key, value, 0.999):  # at the end: whatever looks at the first alone fails
             with pytest.raises(InputError) as caught:
                 read(path)
             assert key.replace("@", "/").rpartition("/")[2] in caught.value.where, (str(caught.value), value)
             assert "\n" not in str(caught.value)
     more = key in MORE or key.endswith("/offset")
-    for value, place in product([] if more else good, (0.0, 0.999)):
-        if put_value(path, source, key, value, place):
+    for value in [] if more else good:
+        if put_value(path, source, key, value, 0.0):
             read(path)
 
 
