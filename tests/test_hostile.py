@@ -8,7 +8,7 @@ import json
 import h5py
 import numpy as np
 import pytest
-from described_files import FILES, LAYOUTS
+from described_files import FILES, LAYOUTS, write_all
 from hostile import CASES, FEWER, FEWEST, damaged, harmless, retold
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -172,10 +172,7 @@ PLACES = [
 
 @pytest.fixture(scope="module")
 def described(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("described")
-    for name, (_, write, _) in FILES.items():
-        write(folder / f"{name}.h5")
-    return folder
+    return write_all(tmp_path_factory.mktemp("described"))
 
 
 @pytest.mark.slow

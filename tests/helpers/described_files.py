@@ -108,3 +108,10 @@ FILES = {
 }
 """By name: what is described, and how a file of it is written and read."""
 LAYOUTS: dict[str, Layout] = {name: layout for name, (layout, _, _) in FILES.items()}
+
+
+def write_all(folder):
+    """A file of every kind in a folder, called after its kind."""
+    for name, (_, write, _) in FILES.items():
+        write(folder / f"{name}.h5")
+    return folder

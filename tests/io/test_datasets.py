@@ -5,7 +5,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from described_files import FILES, LAYOUTS
+from described_files import FILES, LAYOUTS, write_all
 
 from gridslam.errors import InputError
 from gridslam.io.datasets import ROUNDING, Dataset, Group
@@ -26,10 +26,7 @@ MORE = {
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    place = tmp_path_factory.mktemp("described")
-    for name, (_, write, _) in FILES.items():
-        write(place / f"{name}.h5")
-    return place
+    return write_all(tmp_path_factory.mktemp("described"))
 
 
 def contents(path):
