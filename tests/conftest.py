@@ -7,6 +7,7 @@ from typing import NamedTuple
 import pytest
 from hypothesis import settings
 from scene_samples import shortened
+from threadpoolctl import threadpool_limits
 
 import gridslam as gs
 from gridslam.io import hdf5_guard
@@ -18,6 +19,13 @@ hdf5_guard.START_S = 120.0
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("other", derandomize=False, deadline=None)
 settings.load_profile(os.environ.get("GRIDSLAM_EXAMPLES", "same"))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def one_blas_thread():
+    """As within a step: tests of parts of steps call them bare, and threads that wait for each other spin."""
+    with threadpool_limits(1, user_api="blas"):
+        yield
 
 
 @pytest.fixture(autouse=True)
