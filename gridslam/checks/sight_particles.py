@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -63,15 +64,27 @@ class Scans:
         after = np.maximum(np.diff(self.step[first], prepend=self.begin), 1)
         number = np.arange(len(first) + 1)
         counts = np.where(number < many, count, PARTICLES)
-        drawn = [
-            np.concatenate(
-                [draw.standard_normal(3 * now), [draw.random()], draw.standard_normal(sized * left)]
-            )
-            for now, left in pairwise(counts)
-        ]
-        begin = np.cumsum([0, *map(len, drawn)])
+        begin, drawn = _drawn(tuple(counts.tolist()), sized, **draw.bit_generator.state["state"])
         table = np.column_stack([np.append(after, 0), np.append(first, len(self.step)), begin, counts])
-        return table.astype(np.int32), np.concatenate([*drawn, np.zeros(0)])
+        return table.astype(np.int32), drawn
+
+
+@lru_cache(maxsize=8)
+def _drawn(counts: tuple[int, ...], sized: bool, state: int, inc: int) -> tuple[Array, Array]:
+    """Where each step's numbers begin (S + 1,), and all of them, of a generator that has come so far.
+
+    Readings of the same table are followed by the same numbers, which takes long enough to draw them once.
+    """
+    bits = np.random.PCG64()
+    bits.state = {**bits.state, "state": {"state": state, "inc": inc}}
+    draw = np.random.Generator(bits)
+    drawn = [
+        np.concatenate([draw.standard_normal(3 * now), [draw.random()], draw.standard_normal(sized * left)])
+        for now, left in pairwise(counts)
+    ]
+    numbers = np.concatenate([*drawn, np.zeros(0)])
+    numbers.flags.writeable = False
+    return np.cumsum([0, *map(len, drawn)]), numbers
 
 
 def particles_at(position: Array, heading: Array, pace: Array) -> Array:
