@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from typing import NamedTuple
 
 import pytest
@@ -50,6 +51,7 @@ def say(tmp_path, monkeypatch, capsys):
     from gridslam.cli.main import main
 
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # to which commands add their working folder
 
     def call(*words):
         monkeypatch.setattr("sys.argv", ["gridslam", *map(str, words)])

@@ -261,14 +261,14 @@ def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say, 
     replace(measurements, time_s=1e5 * measurements.time_s).to_csv("heard.csv")
     slow = ("run", "room.toml", *files[:2], "-o", "out", "--overwrite")  # no track has such times
     assert "note: agent1: suspect: time_s: probably milliseconds" in say(*slow).out
-    for amplitude in (measurements.amplitude, 1.5 * measurements.amplitude):
-        replace(measurements, amplitude=amplitude).to_csv("heard.csv")
-        assert "suspect" not in say(*run).out
+    replace(measurements, amplitude=1.5 * measurements.amplitude).to_csv("heard.csv")
+    assert "suspect" not in say(*run).out
     for metres, times in ((0.0, 0), (1.5, 1)):
         replace(measurements, distance_m=measurements.distance_m + metres).to_csv("heard.csv")
         result = say(*run)
         assert result.code == 0
         assert "true track" not in result.out, "an offset is the scene's clocks', not the track's"
+        assert times or "suspect" not in result.out
         named = re.findall(
             r"note: agent1: distances of all anchors are 1\.[45]\d m .* too long.*", result.out
         )

@@ -40,10 +40,16 @@ from gridslam.inference.state.features.features import MOVING, entries, places
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
 
 
-@pytest.mark.slow
-def test_a_mirror_image_is_found_where_it_is():
+@pytest.fixture(scope="module")
+def mirror():
+    """A state past a mirror, its model, and what it learns: nobody changes them."""
     state, model = state_after([MIRROR], [1500.0], 0)
-    found, learned = learn(state, Front(model.waveform), model)
+    return state, model, *learn(state, Front(model.waveform), model)
+
+
+@pytest.mark.slow
+def test_a_mirror_image_is_found_where_it_is(mirror):
+    *_, found, learned = mirror
     assert learned.taken >= 1
     assert learned.gain > 0
     place = places(found.joint.mean, found.joint.features.origin_m)
@@ -120,9 +126,8 @@ def test_features_that_are_never_loud_are_kept_if_they_are_surely_there():
 
 
 @pytest.mark.slow
-def test_features_for_the_time_being_make_way_for_as_good_ones():
-    state, model = state_after([MIRROR], [1500.0], 0)
-    taught, _ = learn(state, Front(model.waveform), model)
+def test_features_for_the_time_being_make_way_for_as_good_ones(mirror):
+    state, model, taught, _ = mirror
     lesson = lesson_of(state, model)
     best = lesson.best(lesson.rivals(state.segment, state.joint, PRICES[:1]), [state.segment], PRICES[0])
     better = replace(state, segment=replace(state.segment, evidence=best.evidence + 0.5 * CLEAR / JUDGED))
