@@ -78,6 +78,14 @@ def no_figures(monkeypatch):
 
 
 @pytest.fixture
+def runs_here(monkeypatch):
+    """Runs of studies are done in this process; `tests/studies/test_study_workers.py` starts others."""
+    from gridslam.studies.workers import LocalWorkers
+
+    monkeypatch.setattr(LocalWorkers, "run", lambda self, work, tasks: enumerate(map(work, tasks)))
+
+
+@pytest.fixture
 def ctrl_c():
     """Ctrl-C as a terminal has it: a shell lets jobs in the background ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -14,7 +14,6 @@ from docs_pages import PAGES, ROOT, blocks, commands
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.studies import workers
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 QUOTING = {"architecture"}
@@ -33,7 +32,7 @@ STEPS, STEPS_OF = 4, {"hybrid": 12}
 
 
 @pytest.fixture
-def brief(request, monkeypatch):
+def brief(request, monkeypatch, runs_here):
     """Cut the bundled scenes short: the pages' words are tested here, not their patience."""
     whole, page = gs.Scene.load, request.node.callspec.params.get("page")
     steps = STEPS_OF.get(page.stem, STEPS) if page else STEPS
@@ -46,7 +45,6 @@ def brief(request, monkeypatch):
         )
 
     monkeypatch.setattr(gs.Scene, "load", staticmethod(load))
-    monkeypatch.setattr(workers.LocalWorkers, "run", lambda self, work, tasks: enumerate(map(work, tasks)))
 
 
 def sionna_traces():

@@ -108,6 +108,7 @@ def test_a_scene_without_walls_is_simulated_as_free_space(open_air):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("runs_here")
 def test_free_space_is_drawn_and_studied_too(open_air):
     assert open_air("run", "open.toml", "--agent", "agent1", "-o", "out").code == 0
     assert Path("out/figures/agent1-map.png").exists()

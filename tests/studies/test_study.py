@@ -259,6 +259,7 @@ def test_command_writes_goes_on_and_reports(scene, tmp_path, monkeypatch, capsys
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("runs_here")
 def test_agents_that_a_method_takes_at_once_are_run_at_once(tmp_path):
     """As `gridslam run` does, without labels; with scores of clocks, which a study of one by one hasn't."""
     scene = short("exchange", 4, 256)
