@@ -69,7 +69,7 @@ class Scans:
         return table.astype(np.int32), drawn
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)
 def _drawn(counts: tuple[int, ...], sized: bool, state: int, inc: int) -> tuple[Array, Array]:
     """Where each step's numbers begin (S + 1,), and all of them, of a generator that has come so far.
 
