@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from gridslam.checks import by_handovers, elevations, time_units
 from gridslam.checks.column_readings import likeliest_way, rival_of_start
 from gridslam.checks.fit import least_share, tells_place
@@ -65,7 +63,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
             held = upheld(read, cure.table, [cure.suspicion], scene, agent, sight, CERTAIN)
             cure = cure if held is None else None
         if cure is not None:
-            found += [cure.suspicion] if cure.suspicion is not None else []
+            found += [_doubted(cure.suspicion, sight)] if cure.suspicion is not None else []
             sight, cured = cure.sight, cure.table
         if not found and cure is None and both_measured(asis):
             # from a wrong heading the right one is found, some steps later
@@ -96,6 +94,14 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     if not found and sight.explained >= least_share(scene):
         found += second_device(asis, scene, agent, sight)
     return found
+
+
+def _doubted(suspicion: Suspicion, sight: Sight) -> Suspicion:
+    """The suspicion of a turned anchor, as far as one anchor in sight tells it from other errors."""
+    if suspicion.kind != "turned" or not one_in_sight(sight):
+        return suspicion
+    note = "one anchor in sight can't tell it from another start, or from an error in its distances"
+    return replace(suspicion, certain=False, reason=f"{suspicion.reason}; {note}")
 
 
 def _refuted(
