@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from gridslam.checks import by_handovers, elevations, time_units
 from gridslam.checks.column_readings import likeliest_way, rival_of_start
 from gridslam.checks.fit import least_share, tells_place
@@ -76,7 +78,8 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     ties = Ties.of(asis, scene, agent) if scene.walls else None
     if are_faint_and_hidden(found, asis, sight, scene, agent, ties):
         found, read, sight = [], asis, followed(asis, scene, agent, plain)
-    found += time_units.slow_times(asis, sight, ties) + time_units.fast_times(asis, sight)
+    step_m = np.inf if agent is None else scene.agent(agent).step_m
+    found += time_units.slow_times(asis, sight, ties, step_m) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))
     # what isn't a line of sight tells nothing of the level, and where little fits it is none
