@@ -65,7 +65,7 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
             held = upheld(read, cure.table, [cure.suspicion], scene, agent, sight, CERTAIN)
             cure = cure if held is None else None
         if cure is not None:
-            found += [cure.suspicion] if cure.suspicion is not None else []
+            found += [_doubted(cure.suspicion, sight)] if cure.suspicion is not None else []
             sight, cured = cure.sight, cure.table
         if not found and cure is None and both_measured(asis):
             # from a wrong heading the right one is found, some steps later
@@ -78,7 +78,8 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     ties = Ties.of(asis, scene, agent) if scene.walls else None
     if are_faint_and_hidden(found, asis, sight, scene, agent, ties):
         found, read, sight = [], asis, followed(asis, scene, agent, plain)
-    found += time_units.slow_times(asis, sight, ties) + time_units.fast_times(asis, sight)
+    step_m = np.inf if agent is None else scene.agent(agent).step_m
+    found += time_units.slow_times(asis, sight, ties, step_m) + time_units.fast_times(asis, sight)
     found += elevations.suspicions(read | asis, sight, scene, agent)
     measured = len(finite(asis, "distance_m")) and len(finite(asis, "amplitude"))
     # what isn't a line of sight tells nothing of the level, and where little fits it is none
@@ -96,6 +97,14 @@ def against_scene(table: Columns, scene: Scene, agent: str | None, known: set[st
     if not found and sight.explained >= least_share(scene):
         found += second_device(asis, scene, agent, sight)
     return found
+
+
+def _doubted(suspicion: Suspicion, sight: Sight) -> Suspicion:
+    """The suspicion of a turned anchor, as far as one anchor in sight tells it from other errors."""
+    if suspicion.kind != "turned" or not one_in_sight(sight):
+        return suspicion
+    note = "one anchor in sight can't tell it from another start, or from an error in its distances"
+    return replace(suspicion, certain=False, reason=f"{suspicion.reason}; {note}")
 
 
 def _refuted(

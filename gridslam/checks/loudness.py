@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from gridslam.arrays import Array
@@ -21,6 +23,10 @@ LEAST_DB = 15.0
 """Median from which on decibels are told by their course alone: logarithms of less scatter more than that."""
 SHIFTS_M = (-4.0, -2.0, -1.5, -1.0, -0.5, 0.5, 1.0, 1.5, 2.0, 4.0)
 """Errors of all distances that might be why amplitudes don't fit."""
+
+SPREADS, STRAYS = (0.1, 0.2), (0.2, 0.4)
+"""Of log amplitudes about their level, and the share that may be anything: in a corridor, say, reflections
+that are as long as lines of sight, but fainter, which a radio of little noise tells from them."""
 
 
 def loudness(amplitude: Array, sight: Sight, scene: Scene, placed: bool = True) -> list[Suspicion]:
@@ -68,8 +74,8 @@ def loudness(amplitude: Array, sight: Sight, scene: Scene, placed: bool = True) 
     # logarithms spread more or less than what they are read as does, so densities of either aren't alike:
     # small numbers read as decibels all lie near each other, whatever they are
     stretch = {"": 0.0, "power": -np.log(2) * len(loud), "dB": np.log(readings["dB"]).sum()}
-    if kind == "dB" and not begins and not decibels:
-        misread &= scores["dB"] + stretch["dB"] - scores[""] >= ENOUGH
+    if kind and not begins and not decibels:
+        misread &= scores[kind] + stretch[kind] - scores[""] >= ENOUGH
     if (placed or scene.walls) and not decibels and abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
         if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
             reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
@@ -95,9 +101,12 @@ def _course(gap: Array) -> float:
     return _level(gap - np.median(gap))
 
 
-def _level(gap: Array, spread: float = 0.2, stray: float = 0.2) -> float:
-    """Log likelihood of log amplitudes off by one common level (std 0.5); a fifth may be anything."""
+def _level(gap: Array) -> float:
+    """Log likelihood of log amplitudes off by one common level (std 0.5); a share of them may be anything."""
     levels = np.linspace(-1.5, 1.5, 61)
-    near = np.exp(-0.5 * ((gap - levels[:, None]) / spread) ** 2) / (np.sqrt(2 * np.pi) * spread)
-    each = np.log((1 - stray) * near + stray / 6).sum(1) - 0.5 * (levels / 0.5) ** 2
-    return float(np.logaddexp.reduce(each))
+    scores = []
+    for spread, stray in product(SPREADS, STRAYS):
+        near = np.exp(-0.5 * ((gap - levels[:, None]) / spread) ** 2) / (np.sqrt(2 * np.pi) * spread)
+        each = np.log((1 - stray) * near + stray / 6).sum(1) - 0.5 * (levels / 0.5) ** 2
+        scores.append(np.logaddexp.reduce(each))
+    return float(np.logaddexp.reduce(scores) - np.log(len(scores)))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from gridslam.checks.changes import change
 from gridslam.checks.crossed import Crossed
 from gridslam.checks.handover_rivals import handover_rival
+from gridslam.checks.range_words import offset_cure
 from gridslam.checks.unit_hypotheses import Suspicion
 from gridslam.inference.health.range_fits import beyond_doubt, errors_of, named_together, undecided
 from gridslam.world.columns import VALUES, Columns
@@ -71,4 +72,6 @@ def with_places(
         return [Suspicion("anchor", "place", text, len(fits) == 1, reason)]
     others = [replace(item, certain=False) for item in found if item.kind not in RANGES]
     kind = "slant" if fits[0].thing.is_height(errors_of(model.senders)) else "offset"
+    if kind == "offset" and len(fits) == 1:
+        text = f"{text}, {offset_cure(fits[0].size[0], fits[0].thing.alike, scene)}"
     return [Suspicion("distance_m", kind, text, len(fits) == 1, reason), *others]

@@ -79,7 +79,8 @@ def misread(scene: Scene, agent: str, observations: Observations) -> list[str]:
         return []
     sight = settled(table, scene, agent)
     found = time_units.absurd_times(table)
-    found += time_units.slow_times(table, sight) + time_units.fast_times(table, sight)
+    found += time_units.slow_times(table, sight, step_m=scene.agent(agent).step_m)
+    found += time_units.fast_times(table, sight)
     if len(finite(table, "amplitude")) and sight.explained >= least_share(scene):
         found += loudness(table["amplitude"], sight, scene)
     return [str(item) for item in found]

@@ -43,10 +43,14 @@ def error_words(error: RangeError, size: float, scene: Scene, agent: str | None 
             f"slant ranges {whose}, about {size:.2f} m above or below the agent: {wrong}; "
             "give them as third numbers of position_m, and the agent's as height_m"
         )
-    long, cure = ("long", "subtract it") if size > 0 else ("short", "add it")
-    much = f"{abs(size):.2f} m ({abs(size) / NS:.1f} ns)"
-    instead = "" if scene.clocks is not None else f", or {clocks_advice(size, every)}"
-    return f"distances {whose} are {much} too {long}, as by clocks that differ; {cure}{instead}"
+    much, long = f"{abs(size):.2f} m ({abs(size) / NS:.1f} ns)", "long" if size > 0 else "short"
+    return f"distances {whose} are {much} too {long}, {offset_cure(size, every, scene)}"
+
+
+def offset_cure(size_m: float, every: bool, scene: Scene) -> str:
+    """What an offset may come from, and what to do about it, of all anchors or of one."""
+    instead = "" if scene.clocks is not None else f", or {clocks_advice(size_m, every)}"
+    return f"as by clocks that differ; {'subtract' if size_m > 0 else 'add'} it{instead}"
 
 
 def clocks_advice(size_m: float, agents: bool = False) -> str:

@@ -327,10 +327,10 @@ def _angles(table: Columns) -> bool:
 
 
 def orders(count: int) -> Iterator[tuple[int, ...]]:
-    """Orders of the anchors other than their own; of many anchors, those with two exchanged."""
+    """Orders of the anchors other than their own, first where fewest move; of many, with two exchanged."""
     own = tuple(range(count))
     if count <= MOST_PERMUTED:
-        yield from (order for order in permutations(own) if order != own)
+        yield from sorted(permutations(own), key=lambda order: sum(a != b for a, b in enumerate(order)))[1:]
         return
     for one, other in combinations(own, 2):
         order = list(own)

@@ -17,6 +17,9 @@ LARGE_S = 1e5
 """Times from which on six digits don't tell the first from the last."""
 LONG_S, LEAST_MPS, LEAST_WAY_M = 10.0, 0.01, 1.0
 """Interval and speed that make one doubt of seconds, and how far the agent must get to tell a speed."""
+AS_TOLD, LEAST_TOLD_M = 0.5, 0.3
+"""Share of the way by the scene's `step_m` that is enough for it, too, and how far that must be: of an agent
+that is to go a centimetre a step a hundred steps are hardly a metre."""
 MOST_MPS = 30.0
 """Speed from which on one doubts of seconds, too."""
 LEAST_STEPS = 10
@@ -67,25 +70,30 @@ def absurd_times(columns: Columns) -> list[Suspicion]:
     return []
 
 
-def slow_times(columns: Columns, sight: Sight, ties: Ties | None = None) -> list[Suspicion]:
+def slow_times(
+    columns: Columns, sight: Sight, ties: Ties | None = None, step_m: float = np.inf
+) -> list[Suspicion]:
     """Times that would make the agent crawl, by where lines of sight put it.
 
     Parameters
     ----------
     ties : Ties, optional
         Where anchors put it by themselves, in a longer table: nobody may be in sight at first.
+    step_m : float
+        The way of a step by the scene, if it is to count.
     """
     gap = _interval_s(columns)
     if gap < LONG_S or _latest_s(columns) > LATEST_S or len(sight.position_m) < 5:
         return []
     span = float(np.ptp(columns["step"][sight.row]))
     way = float(np.linalg.norm(np.ptp(sight.position_m, axis=0)))
-    if way < LEAST_WAY_M and ties is not None and sum(map(len, ties.seen.sights)) >= LEAST_SIGHTS:
+    enough = min(LEAST_WAY_M, max(LEAST_TOLD_M, AS_TOLD * step_m * span))
+    if way < enough and ties is not None and sum(map(len, ties.seen.sights)) >= LEAST_SIGHTS:
         rows = np.concatenate(ties.seen.sights)
         span = float(np.ptp(ties.seen.step[rows]))
         way = float(np.linalg.norm(np.diff(np.quantile(ties.seen.place[rows], (0.1, 0.9), axis=0), axis=0)))
     speed = way / (gap * max(span, 1))
-    if way < LEAST_WAY_M or speed > LEAST_MPS:
+    if way < enough or speed > LEAST_MPS:
         return []
     reason = f"{gap:.4g} s between steps, so that the agent would move at {1000 * speed:.2g} mm/s"
     return [Suspicion("time_s", "milliseconds", _words("milliseconds", 1e-3), False, reason)]

@@ -140,6 +140,8 @@ def height_notes(runs: Sequence[Run]) -> list[str]:
 
 def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
     """Whose motion the scene's filter settings are too narrow for, and how wide they were taken."""
+    from gridslam.runs.hurries import hurry
+
     settings, notes = world.filter, []
     for run in runs:
         jolts = [one.health.jolt for one in run.estimates if max(one.health.jolt) > 1]
@@ -150,6 +152,13 @@ def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
                 f"than filter.acceleration_mps2 = {settings.acceleration_mps2:g} and filter.heading_deg = "
                 f"{settings.heading_deg:g} say; up to {push * settings.acceleration_mps2:.2g} and "
                 f"{turn * settings.heading_deg:.2g} were allowed there. Set them to how it moves"
+            )
+        elif (hurried := hurry(run.estimates, settings.acceleration_mps2)) is not None:
+            share, acceleration = hurried
+            notes.append(
+                f"{run.agent}: at {share:.0%} of the steps its velocity had changed, within ten steps, over "
+                f"three times as much as filter.acceleration_mps2 = {settings.acceleration_mps2:g} expects: "
+                f"it may have lost the agent at bends. {acceleration:.1g} allows for them"
             )
     return notes
 

@@ -243,7 +243,7 @@ def _csv(path: Path, names: str, rows: np.ndarray) -> None:
 def file_of(path: str | os.PathLike[str]) -> Path:
     """A map's file; a run's folder stands for the map in it."""
     inside = Path(path) / "map.h5"
-    return inside if inside.is_file() else Path(path)
+    return inside if inside.is_file() or Path(path).is_dir() else Path(path)
 
 
 def folder_of(directory: str | os.PathLike[str]) -> Path:

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from check_tables import BRIEF, NAMES, SCENES, named, simulated_columns
+from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
@@ -118,6 +119,16 @@ def test_times_that_are_no_seconds_are_named(epoch, kind):
     factor = {"nanoseconds": 1e9, "milliseconds": 1e3, "fast": 1e-3}[kind]
     (found,) = named(columns | {"time_s": epoch + factor * columns["time_s"]}, "room")
     assert (found.column, found.kind) == ("time_s", kind)
+
+
+@pytest.mark.slow
+def test_times_of_an_agent_that_goes_a_centimetre_a_step_are_named_too():
+    """In 100 steps it gets no metre away, from which on a speed is told of others."""
+    scene = shortened(gs.Scene.load("seminar"), 80)
+    table = gs.simulate(scene, "agent1", 0)
+    late = dict(table.columns) | {"time_s": 1e3 * table.time_s}
+    (found,) = suspicions(late, table.anchors, scene, "agent1")
+    assert (found.column, found.kind) == ("time_s", "milliseconds")
 
 
 @pytest.mark.slow

@@ -52,6 +52,17 @@ def test_amplitudes_that_scatter_are_no_decibels(sight):
         assert "dB" not in [kind for kind, _ in named(amplitude, sight)], level
 
 
+@pytest.mark.parametrize("louder_db", [0, 4])
+def test_faint_reflections_beside_lines_of_sight_are_no_decibels(sight, louder_db):
+    """Over a corridor's walls they are as long as these; amplitudes were called decibels or powers."""
+    draw, near = np.random.default_rng(1), np.linspace(12.2, 1.9, 221)
+    off_db = draw.normal(louder_db, 1.0, len(near)) - np.where((near > 7) & (np.arange(221) % 2 > 0), 7, 0)
+    amplitude = SCENE.signal_model().amplitude(near)
+    corridor = replace(sight, row=np.arange(221), distance_m=near, probability=np.ones(221))
+    assert named(amplitude * 10 ** (off_db / 20), corridor) == []
+    assert named(20 * np.log10(amplitude) + draw.normal(0, 1.0, len(near)), corridor) == [("dB", True)]
+
+
 @pytest.mark.parametrize(("least", "spread", "far_m"), [(2.0, 1.0, 6.0), (1.0, 1.0, 8.0), (2.0, 3.0, 8.0)])
 def test_small_amplitudes_of_what_is_no_line_of_sight_are_what_they_are_called(
     heard, sight, least, spread, far_m

@@ -70,6 +70,7 @@ def test_an_offset_of_an_anchor_that_is_out_of_sight_for_longer_than_a_filter_lo
     ((kind, item),) = kinds(HALL, late)
     assert kind == "offset"
     assert re.search(f"distances of anchor B seem {words}", item.text)
+    assert f"; {'subtract' if metres > 0 else 'add'} it, or give the scene [clocks]" in item.text
     assert "anchor A" not in item.text
     assert re.search("distances of anchor B", range_note(HALL, "agent1", late))
     assert kinds(HALL, table) == []

@@ -1,5 +1,6 @@
 """Cures of distances and names have to explain more than the table as it stands, and more than luck does."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -103,3 +104,13 @@ def test_suspicions_of_which_one_is_meant_say_so(late):
     first, second = rivals.offset_beside([flipped], table, table, ROOM, "agent1", plain)
     assert (first.column, second.column) == ("aoa_rad", "distance_m")
     assert (first.rivals, second.rivals) == ((), ("aoa_rad",))
+
+
+def test_orders_that_exchange_fewest_come_first():
+    """An anchor that isn't heard fits in any place: it was named as one of three that are exchanged."""
+    for count in (2, 3, 4):
+        tried = list(rivals.orders(count))
+        moved = [sum(one != place for place, one in enumerate(order)) for order in tried]
+        assert moved == sorted(moved)
+        assert moved[0] == 2
+        assert len(set(tried)) == math.factorial(count) - 1

@@ -82,3 +82,14 @@ def test_an_anchor_that_is_hidden_all_the_time_is_not_called_turned():
     )  # fmt: skip
     assert not _borne_out(fits, turns, table, scene)
     assert _borne_out(replace(fits, position_m=fits.position_m + np.array([10.0, 7.0])), turns, table, scene)
+
+
+@pytest.mark.slow
+def test_one_anchor_in_sight_is_not_called_turned_for_certain():
+    """Its clock was off by 5 ns: the table was said to be of an anchor that is turned by 10 degrees."""
+    scene = script("random_plans").scene_of(17002, 36.0, "grid")
+    table = gs.simulate(scene, "agent1", 0)
+    late = {**table.columns, "distance_m": table.distance_m + 1.5}
+    (found,) = suspicions(late, table.anchors, scene, "agent1")
+    assert not found.certain
+    assert found.kind != "turned" or "or from an error in its distances" in found.reason

@@ -285,6 +285,10 @@ def test_a_runs_folder_stands_for_its_map(say, tmp_path):
     assert map_in(Path("one/map.h5")) == Path("one/map.h5")
     assert map_in(Path("nowhere")) == Path("nowhere")
     assert map_in(None) is None
+    (tmp_path / "bare").mkdir()
+    result = say("export", "bare", "-o", "robot")
+    assert result.code == 2
+    assert result.complaints == ["error: bare/map.h5: found no file; allowed: a gridslam-map file"]
     assert say("export", "one", "-o", "robot").code == 0
     assert (tmp_path / "robot/map.yaml").exists()
     result = say("run", "hall", "--map", "one", "-o", "two")
