@@ -11,6 +11,7 @@ import numpy as np
 
 from gridslam.inference.management.in_sight import spare_unseen
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.no_mirrors import drop_no_mirrors
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.representation import representation_of
 from gridslam.inference.management.step_info import StepInfo, conclude
@@ -22,15 +23,16 @@ from gridslam.inference.messages.elevations import weigh_births, weigh_elevation
 from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.mirrors import drop_no_mirrors, weigh_departures
+from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
-from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.messages.updates import Exchange, in_turn
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
@@ -61,7 +63,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     recalled = state = representation.recall(state, model, work=work)  # docs/model.md, section 9
-    for anchor_scan in scans:
+    for anchor_scan in scans.surest_first:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths = representation.predict_paths(  # eqs. (13), (14)
             state, anchor_scan.anchor, model, work=work
@@ -77,12 +79,13 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         births, ratios = propose_births(  # eq. (22)
             state, anchor_scan, cloud, ratios, radio, model, work=work
         )
+        births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
         births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
         births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
         state, exchange = representation.update_surfaces_and_agent(  # V-B, 4 to 6 and 8
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
-        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
+        state = weigh_angles(state, paths, ratios, exchange)  # (M517)
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         state = update_amplitudes(  # eq. (26)
@@ -95,8 +98,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         )
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
+    exchanges = in_turn(exchanges)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = drop_no_mirrors(state, model)  # (M517)
+    state = drop_no_mirrors(state, model)  # (M517), (M548)
     state = spare_unseen(recalled, state, model)  # (M495)
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs

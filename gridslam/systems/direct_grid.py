@@ -25,6 +25,7 @@ from gridslam.inference.messages.samples.array_paths import (
     evaluate_snapshot,
     learn_noise,
     start_noise,
+    surest_first,
     take_snapshot,
 )
 from gridslam.inference.messages.samples.array_updates import (
@@ -55,7 +56,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
     exchanges = [SnapshotExchange.silent(anchor) for anchor in range(len(model.anchors))]
     state = predict(state, scan.time_s, len(scan), model)
     calibration_used = state.calibration
-    for anchor in np.flatnonzero(scan.heard).tolist():
+    for anchor in surest_first(state, scan, model):
         state = start_noise(state, anchor, scan, model)
         radio = calibration_used.tuned(model.radio, anchor)
         paths, visible = cast_paths(state, anchor, model, work=work)  # (M36)

@@ -11,6 +11,7 @@ import numpy as np
 
 from gridslam.inference.management.in_sight import spare_unseen
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.no_mirrors import drop_no_mirrors
 from gridslam.inference.management.passed_through import doubt_passed
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.representation import representation_of
@@ -23,11 +24,12 @@ from gridslam.inference.messages.elevations import weigh_births, weigh_elevation
 from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.mirrors import drop_no_mirrors, weigh_departures
+from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.reflection import reflected, update_coefficients
+from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
-from gridslam.inference.messages.updates import Exchange
+from gridslam.inference.messages.updates import Exchange, in_turn
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.inference.state.grid import Grid
@@ -67,7 +69,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
     recalled = state = representation.recall(state, model, work=work)  # docs/model.md, section 9
-    for anchor_scan in scans:  # eqs. (6), (7): each begins with what the one before it left
+    for anchor_scan in scans.surest_first:  # eqs. (6), (7): each begins with what the one before it left
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths, visible = representation.cast_paths(  # eqs. (1), (13), (14)
             state, anchor_scan.anchor, model, work=work
@@ -81,13 +83,14 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         births, ratios = propose_births(  # eq. (11)
             state, anchor_scan, cloud, ratios, radio, model, work=work
         )
+        births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
         births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
         births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
         # association, section III-D, then beliefs of agent, surfaces and rays: (M26) to (M31)
         state, exchange = representation.update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
-        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
+        state = weigh_angles(state, paths, ratios, exchange)  # (M517)
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
@@ -95,12 +98,13 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, births, anchor_scan, exchange, radio, model, work=work
         )
         exchanges.append(exchange)
+    exchanges = in_turn(exchanges)
     # in `work`: what every update noted of its paths, and what `cast_messages` adds up for the cells
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)  # (M42)
     state = update_cells(state, work=work)  # eq. (46)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = drop_no_mirrors(state, model)  # (M517)
+    state = drop_no_mirrors(state, model)  # (M517), (M548)
     state = spare_unseen(recalled, state, model)  # (M495)
     state = doubt_passed(recalled, state, model)  # (M502)
     state = merge_and_prune(

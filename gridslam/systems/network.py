@@ -16,6 +16,7 @@ from gridslam.inference.management.network.early_arrivals import watched_sights
 from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
+from gridslam.inference.management.no_mirrors import drop_shared_no_mirrors
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.step_info import NetworkInfo, StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
@@ -24,7 +25,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.mirrors import drop_shared_no_mirrors, weigh_departures
+from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
 from gridslam.inference.messages.network.clock_ties import challenge_ties
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
@@ -37,9 +38,10 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.surface_walk import learn_shared_walks
-from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.messages.updates import Exchange, in_turn, update_surfaces_and_agent
 from gridslam.inference.scans.anchor_measurements import AnchorScan, split_by_anchor, whole_scan
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
@@ -82,7 +84,7 @@ def step(
     state, infos = take_turns(state, scan, earlier_s, model, work, turn)
     state = learn_walk(predicted, state, model)  # (M331)
     state = learn_shared_walks(recalled, state)  # (M361)
-    state = drop_shared_no_mirrors(state)  # (M517)
+    state = drop_shared_no_mirrors(state, model)  # (M517), (M548)
     state, merging = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(merging)
 
@@ -166,6 +168,7 @@ def turn(
         cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
         births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, senders, work=work)
+        births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
         births = without_double_bounces(  # (M491)
             births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
@@ -177,13 +180,14 @@ def turn(
         state = correct_by_strengths(  # (M542)
             state, anchor_scan, exchange, radio, model, weakened=True
         )
-        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
+        state = weigh_angles(state, paths, ratios, exchange)  # (M517)
         state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, born = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
+    exchanges = in_turn(exchanges)
     return conclude(state, exchanges, calibration_used, model, work)
 
 
@@ -197,7 +201,7 @@ def by_anchor(
     scans = split_by_anchor(scan, model)
     if not state.belief.clocks:
         state = recover_pose(state, scans, earlier_s, model, work=work)
-    return state, scans
+    return state, scans.surest_first
 
 
 class NetworkSlam(NetworkFilter):

@@ -13,6 +13,7 @@ import numpy as np
 from gridslam.inference.management.network.fresh_look import look_afresh
 from gridslam.inference.management.network.merging import merge_and_prune_shared
 from gridslam.inference.management.network.recovery import recover_agents
+from gridslam.inference.management.no_mirrors import drop_shared_no_mirrors
 from gridslam.inference.management.step_info import NetworkInfo, StepInfo, conclude
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import add_births
@@ -20,7 +21,7 @@ from gridslam.inference.messages.cells import cast_paths
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.likelihood_ratios import evaluate
-from gridslam.inference.messages.mirrors import drop_shared_no_mirrors, weigh_departures
+from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.clock_setting import set_clocks
 from gridslam.inference.messages.network.clock_ties import challenge_ties
@@ -29,9 +30,10 @@ from gridslam.inference.messages.network.double_births import without_double_bou
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.surface_walk import learn_shared_walks
-from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.messages.updates import Exchange, in_turn, update_surfaces_and_agent
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
@@ -75,7 +77,7 @@ def step(
     state = update_shared_cells(state, used, works=work)  # eqs. (43) to (46)
     state = learn_walk(predicted, state, model)  # (M331)
     state = learn_shared_walks(recalled, state)  # (M361)
-    state = drop_shared_no_mirrors(state)  # (M517)
+    state = drop_shared_no_mirrors(state, model)  # (M517), (M548)
     state, merging = merge_and_prune_shared(state, model, infos)
     return replace(state, step=state.step + 1), NetworkInfo(merging)
 
@@ -98,6 +100,7 @@ def turn(
         births, ratios = propose_births(  # eq. (11)
             state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
+        births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
         births = without_double_bounces(  # (M491)
             births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
         )
@@ -107,10 +110,11 @@ def turn(
             state, anchor_scan, paths, sure, calibration_used.turned, model, work=work
         )
         state = correct_by_strengths(state, anchor_scan, exchange, radio, model)  # (M542)
-        state = weigh_departures(state, paths, ratios, exchange)  # (M517)
+        state = weigh_angles(state, paths, ratios, exchange)  # (M517)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)
+    exchanges = in_turn(exchanges)
     return conclude(state, exchanges, calibration_used, model, work)
 
 

@@ -93,7 +93,7 @@ def _shapes(state: NetworkState, model: NetworkModel) -> Iterator[tuple[str, Sha
         yield f"belief/{name}", (getattr(state.belief, name),), (getattr(fresh.belief, name),)
     yield "los", state.los.shape, fresh.los.shape
     yield "here", state.here.shape, fresh.here.shape
-    yield from shapes_of_bank(state.surfaces, "surfaces", len(fresh.los))
+    yield from shapes_of_bank(state.surfaces, "surfaces", len(fresh.los), anchors)
     for field in fields(state.clocks):
         found, wanted = (getattr(one.clocks, field.name).shape for one in (state, fresh))
         yield f"clocks/{field.name}", found, wanted

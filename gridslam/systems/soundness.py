@@ -15,7 +15,7 @@ from gridslam.inference.beliefs.layout import AGENT, StateLayout
 from gridslam.inference.health.range_fits import errors_of
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.health.sight_watch import SightWatch
-from gridslam.inference.messages.mirrors import MOST_CORNERS
+from gridslam.inference.management.no_mirrors import MOST_CORNERS
 from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
 from gridslam.inference.scans.anchor_measurements import LEAST_STD
@@ -25,7 +25,7 @@ from gridslam.inference.state.population import Population
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.inference.state.surface_bank import ANGLES, SurfaceBank
 from gridslam.io.covariances import is_information
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
@@ -214,13 +214,15 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
             )
 
 
-def shapes_of_bank(bank: SurfaceBank, name: str, anchors: int) -> Iterator[tuple[str, Shape, Shape]]:
-    """Parts of a bank of surfaces, their shapes, and what these have to be."""
+def shapes_of_bank(
+    bank: SurfaceBank, name: str, links: int, anchors: int | None = None
+) -> Iterator[tuple[str, Shape, Shape]]:
+    """Parts of a bank of surfaces, their shapes, and what these have to be; as `SurfaceBank.empty`."""
     surfaces = len(bank)
     whole: dict[str, Shape] = {
-        "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (anchors, surfaces),
-        "double": (anchors, surfaces, surfaces), "walk": (surfaces, 2), "outermost": (surfaces, 8),
-        "departures": (surfaces, 2),
+        "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (links, surfaces),
+        "double": (links, surfaces, surfaces), "walk": (surfaces, 2), "outermost": (surfaces, 8),
+        "angles": (surfaces, links if anchors is None else anchors, ANGLES),
     }  # fmt: skip
     for field in fields(bank):
         found = getattr(bank, field.name).shape
@@ -236,7 +238,7 @@ def claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[str
         (f"{name}/owner", _within(bank.owner, -1, anchors - 1), "an anchor's number, or -1"),
         (f"{name}/age", _within(bank.age, 0, np.inf), "0 or more"),
         (f"{name}/seen", _within(bank.seen, 0, np.inf), "0 or more"),
-        (f"{name}/departures", _within(bank.departures[:, 0], 0, np.inf), "0 or more"),
+        (f"{name}/angles", _within(bank.angles[..., [0, 2, 4, 5]], 0, np.inf), "0 or more"),
         (f"{name}/walk", _within(bank.walk, LEAST, np.log(max(WIDEST))), "-0.5 to 4.61"),
         (f"{name}/reflection", _sums_to_one(bank.reflection), "probabilities"),
         *((f"{name}/{part}", _within(getattr(bank, part), 0, 1), "probabilities")

@@ -27,7 +27,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
-from gridslam.inference.messages.updates import Exchange, update_surfaces_and_agent
+from gridslam.inference.messages.updates import Exchange, in_turn, update_surfaces_and_agent
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
@@ -54,7 +54,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     model = work.calibrated(model, calibration_used.turned)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
-    for anchor_scan in scans:
+    for anchor_scan in scans.surest_first:
         before, radio = state, state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths = predict_paths(state, anchor_scan.anchor, model, work=work)
         amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)
@@ -74,6 +74,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = ranging.update_rings(before, state, anchor_scan, tentative, radio, model)
         state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
         exchanges.append(exchange)
+    exchanges = in_turn(exchanges)
     state = ranging.join_shrunk_rings(state, radio, model)
     merged = forget_amplitudes(merge_and_prune(state, model))  # docs/model.md, section 9
     state = ranging.follow_belief(state, merged)

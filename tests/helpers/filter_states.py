@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import gridslam as gs
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.particles import Cloud, Sampling
 from gridslam.inference.messages.cells import cast_at, casting_of, update_cells
 from gridslam.inference.scans.anchor_measurements import anchor_scans
@@ -39,6 +40,23 @@ def state_of(belief, anchors=1, existence=0.5):
     for number in range(len(belief.lines)):
         bank = bank.add(number, existence, np.full(BINS, 1 / BINS), 0.0, (0, -1, -1))
     return replace(State.start(model_of(anchors=np.zeros((anchors, 3)))), belief=belief, surfaces=bank)
+
+
+def state_of_departures(missed, std, beside=None):
+    """A state with one wall, y = 3, which mirrors an anchor at the origin to (0, 6), and departures off it.
+
+    Of deviation `std`, they missed a mirror's by `missed` and a right corner's by `beside` (all (K,) rad;
+    otherwise by so much to either side in turn that no corner sends them).
+    """
+    missed, std = np.asarray(missed, float), np.asarray(std, float)
+    beside = np.resize([-1.5, 1.5], len(missed)) if beside is None else np.asarray(beside)
+    wall = np.array([4.0, 0, 0, 0, 0, 0.5 * np.pi, 3.0])
+    state = state_of(Belief(wall, 1e-6 * np.eye(7)), 1, existence=0.9)
+    weight = std**-2.0
+    costs = [0.5 * np.minimum((angle / std) ** 2, 2.5**2).sum() for angle in (missed, beside)]
+    turned = [(weight * side(beside)).sum() for side in (np.cos, np.sin)]
+    told = [weight.sum(), (weight * missed).sum(), 0, 0, *costs, *turned]
+    return replace(state, surfaces=replace(state.surfaces, angles=np.array([[told]])))
 
 
 def anchor_scans_of(case, step):

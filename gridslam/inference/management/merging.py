@@ -179,15 +179,15 @@ def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
     single[:, older] = np.maximum(single[:, older], single[:, younger])
     double[:, older] = np.maximum(double[:, older], double[:, younger])
     double[:, :, older] = np.maximum(double[:, :, older], double[:, :, younger])
-    departures = bank.departures.copy()
-    departures[older] += departures[younger]
+    angles = bank.angles.copy()
+    angles[older] += angles[younger]
     outermost, both = bank.outermost.copy().reshape(-1, 2, 4), np.array([older, younger])
     for side, beyond in enumerate((-1.0, 1.0)):
         farthest = both[np.argmax(np.nan_to_num(beyond * extent[both, side], nan=-np.inf))]
         extent[older, side], outermost[older, side] = extent[farthest, side], outermost[farthest, side]
     return replace(
         bank, existence=existence, seen=seen, single=single, double=double, extent=extent,
-        outermost=outermost.reshape(-1, 8), departures=departures,
+        outermost=outermost.reshape(-1, 8), angles=angles,
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.inference.management.mixture import poses
+from gridslam.inference.messages.mirrors import mirror_chances
 from gridslam.inference.messages.path_prediction import links_of
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population
@@ -92,7 +93,8 @@ def _described(
     several = int(found[0])
     surfaces = SurfaceEstimate(
         bank.identity.copy(), table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
-        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13], bank.existence.copy(), table[:, 14:],
+        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13],
+        bank.existence * mirror_chances(bank), table[:, 14:],
         bank.owner.copy(),
     )  # fmt: skip
     number, quantity = number[:several].copy(), quantity[:several].copy()

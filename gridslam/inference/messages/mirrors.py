@@ -1,8 +1,8 @@
-"""Which surfaces aren't mirrors, by where their paths depart; docs/model.md, (M517). Ours.
+"""Whether surfaces are mirrors, by where paths leave and arrive; docs/model.md, (M517), (M547). Ours.
 
 What is heard over a corner of two walls, of which one isn't known, arrives as if from behind one wall, from a
-place that stays. Born there, such a wall is confirmed at every step by distance and arrival, and pulls the
-agent about its anchor by the only thing that doesn't fit: where paths depart.
+place that stays. Born there, such a wall is confirmed at every step by its distance, and pulls the agent by
+what doesn't fit: where paths leave, and, where several anchors are heard over the corner, where they arrive.
 """
 
 from __future__ import annotations
@@ -11,36 +11,35 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, i0e
 
-from gridslam.arrays import replace
+from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT, UNMEASURED
-from gridslam.kernels.primitives.tables import BOUNCES, LAST
-from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import mirror
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, LAST
 
-AOD = 1
-"""Column of what is measured: distance, AoD, AoA."""
+AOD, AOA = 1, 2
+"""Columns of what is measured: distance, AoD, AoA."""
+DEPARTED, ARRIVED, COSTS, TURNED = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
+"""Columns of `SurfaceBank.angles`."""
+TINY = 1e-300
 MOST_SURPRISED = 2.5
-"""What one departure may say at most, in deviations: it may be another path's."""
-SURE, SYSTEMATIC_RAD = 5.0, np.radians(0.5)
-"""Deviations by which the mean departure has to miss, and how far it may for what the radio doesn't know of
-itself, as an anchor that is turned."""
-MOST_CORNERS = 64
-"""Corners that are kept: the latest."""
+"""What one angle may say at most, in deviations: it may be another path's."""
+MIRRORS = math.log(6)
+"""Log odds of a mirror before any departure: of seven surfaces that are born one is heard over a corner."""
+SYSTEMATIC_RAD = math.radians(0.5)
+"""How far all may miss together, for what the radio doesn't know of itself, as an anchor that is turned."""
 
 
-def weigh_departures(
-    state: State, paths: PredictedPaths, ratios: LikelihoodRatios, exchange: Exchange
-) -> State:
-    """The state with the departures of its single bounces weighed, as they were predicted; (M517).
+def weigh_angles(state: State, paths: PredictedPaths, ratios: LikelihoodRatios, exchange: Exchange) -> State:
+    """The state with the angles of its single bounces weighed, as they were predicted; (M517), (M547).
 
-    Where the agent is lost, or was until lately, departures tell of its place.
+    Where the agent is lost, or was until lately, they tell of its place.
 
     Parameters
     ----------
@@ -56,56 +55,69 @@ def weigh_departures(
     index, pair = ratios.pairs.index[: len(ratios.pairs)], ratios.pairs.pair
     sure = np.flatnonzero(exchange.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT).tolist()
     table, value, spread = paths.rays.table, paths.prediction.value, paths.prediction.spread
-    told = [
-        (n, row) for n in sure if table[row := index[n, 0], BOUNCES] == 1 and pair[n, 3 + AOD] < UNMEASURED
-    ]
+    told = [(n, row) for n in sure if table[row := index[n, 0], BOUNCES] == 1]
     if not told:
         return state
-    departures = state.surfaces.departures.copy()
+    bank, belief = state.surfaces, state.belief
+    angles, heading = bank.angles.copy(), float(belief.mean[HEADING])
     for n, row in told:  # a handful: quicker one by one
-        std = math.sqrt(spread[row, AOD, AOD] + pair[n, 3 + AOD])
-        missed = math.remainder(pair[n, AOD] - value[row, AOD], math.tau) / std
-        missed = min(max(missed, -MOST_SURPRISED), MOST_SURPRISED)
-        departures[table[row, LAST]] += std**-2, missed / std
-    return replace(state, surfaces=replace(state.surfaces, departures=departures))
+        sums = angles[table[row, LAST], table[row, ANCHOR]]
+        for kind, to in ((AOD, DEPARTED), (AOA, ARRIVED)):
+            if pair[n, 3 + kind] < UNMEASURED:
+                std = math.sqrt(spread[row, kind, kind] + pair[n, 3 + kind])
+                angle = math.remainder(pair[n, kind] - value[row, kind], math.tau)
+                missed = limited(angle / std)
+                sums[to] += std**-2, missed / std
+                if kind == AOD:
+                    # over a right corner it leaves the way it arrives, which a mirror turns about its normal
+                    beside = angle + 2 * (
+                        float(belief.lines[table[row, LAST], 0]) - heading - value[row, AOA]
+                    )
+                    by_corner = limited(math.remainder(beside, math.tau) / std)
+                    sums[COSTS] += 0.5 * missed**2, 0.5 * by_corner**2
+                    sums[TURNED] += math.cos(beside) / std**2, math.sin(beside) / std**2
+    return replace(state, surfaces=replace(bank, angles=angles))
 
 
-def no_mirrors(bank: SurfaceBank) -> NDArray[np.bool_]:
-    """Which surfaces send paths elsewhere than a mirror does, (S,) bool; (M517)."""
-    weight, missed = bank.departures.T
-    return missed**2 > SURE**2 * (weight + SYSTEMATIC_RAD**2 * weight**2)
+def limited(deviations: float) -> float:
+    """What one angle says, in deviations."""
+    return min(max(deviations, -MOST_SURPRISED), MOST_SURPRISED)
 
 
-def drop_no_mirrors(state: State, model: FilterModel) -> State:
-    """The state without them; where their paths arrive from is kept, for births there to be doubted."""
-    bank = state.surfaces
-    wrong = no_mirrors(bank)
-    if not wrong.any():
-        return state
-    images = [
-        [anchor, *mirror(state.belief.lines[row], model.places[anchor, :2])]
-        for row in np.flatnonzero(wrong)
-        for anchor in np.flatnonzero(bank.single[: model.senders, row] > LIKELIER_THAN_NOT)
-    ]
-    corners = np.concatenate([state.corners, np.reshape(images, (-1, 3))])[-MOST_CORNERS:]
-    existence = np.where(wrong, 0.0, bank.existence)
-    return replace(state, corners=corners, surfaces=replace(bank, existence=existence))
+def missed_angles(bank: SurfaceBank) -> Array:
+    """By how many deviations the angles of single bounces miss in the mean, (S, J, 2) squared; (M517).
+
+    Departures and arrivals of each anchor; all of them may miss by `SYSTEMATIC_RAD`.
+    """
+    weight, missed = (bank.angles[..., [to.start + k for to in (DEPARTED, ARRIVED)]] for k in (0, 1))
+    return np.asarray(missed**2 / np.maximum(weight + SYSTEMATIC_RAD**2 * weight**2, TINY))
 
 
-def drop_shared_no_mirrors(state: NetworkState) -> NetworkState:
-    """As `drop_no_mirrors`, of surfaces that all agents share; births there aren't doubted."""
-    wrong = no_mirrors(state.surfaces)
-    if not wrong.any():
-        return state
-    existence = np.where(wrong, 0.0, state.surfaces.existence)
-    return replace(state, surfaces=replace(state.surfaces, existence=existence))
+def mirror_odds(bank: SurfaceBank) -> Array:
+    """Log odds of a mirror against a corner of two walls by all departures so far, (S,) nats; (M547)."""
+    sums, slack = bank.angles.sum(1), SYSTEMATIC_RAD**2
+    (weight, missed), (each, right), turned = sums[:, DEPARTED].T, sums[:, COSTS].T, sums[:, TURNED].T
+    length = np.hypot(*turned)
+    mirror = each - 0.5 * missed**2 * slack / (1 + weight * slack) + 0.5 * np.log1p(weight * slack)
+    any_corner = weight - length - np.log(i0e(length))
+    return np.asarray(np.log(2) - np.logaddexp(-right, -any_corner) - mirror)
+
+
+def mirror_chances(bank: SurfaceBank) -> Array:
+    """Chances that surfaces are mirrors, (S,); 1 of those of which no departure was weighed; (M547)."""
+    return np.where(departures_weighed(bank), expit(mirror_odds(bank) + MIRRORS), 1.0)
+
+
+def departures_weighed(bank: SurfaceBank) -> NDArray[np.bool_]:
+    """Of which surfaces a departure was weighed, (S,)."""
+    return np.asarray(bank.angles[:, :, DEPARTED.start].any(1))
 
 
 def unweighed(state: State) -> State:
-    """The state as if no departure had been weighed: its agent was elsewhere than believed."""
+    """The state as if no angle had been weighed: its agent was elsewhere than believed."""
     return replace(state, corners=state.corners[:0], surfaces=unweighed_bank(state.surfaces))
 
 
 def unweighed_bank(bank: SurfaceBank) -> SurfaceBank:
     """The surfaces of such a state."""
-    return replace(bank, departures=np.zeros_like(bank.departures))
+    return replace(bank, angles=np.zeros_like(bank.angles))

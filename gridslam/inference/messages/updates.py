@@ -84,6 +84,11 @@ class Exchange:
         return log_normaliser(beta, missed, self.measured[tables.NEW], nu, total)
 
 
+def in_turn(exchanges: list[Exchange]) -> list[Exchange]:
+    """Of the anchors one after the other, in whatever order they were heard."""
+    return sorted(exchanges, key=lambda exchange: exchange.anchor)
+
+
 @timed("updates")
 def update_surfaces_and_agent(
     state: State, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, turned: Array,

@@ -122,6 +122,11 @@ class SplitScan(Sequence[AnchorScan]):
         """Whether a direction of departure was measured."""
         return bool((self.whole.table[:, 4] >= 0).any())
 
+    @cached_property
+    def surest_first(self) -> list[AnchorScan]:
+        """The loudest anchor first, or the nearest where amplitudes aren't measured; (M550)."""
+        return sorted(self.each, key=_unsureness)
+
     def __iter__(self) -> Iterator[AnchorScan]:
         return iter(self.each)
 
@@ -131,6 +136,15 @@ class SplitScan(Sequence[AnchorScan]):
     def __getitem__(self, anchor: slice) -> Sequence[AnchorScan]: ...
     def __getitem__(self, anchor: int | slice) -> AnchorScan | Sequence[AnchorScan]:
         return self.each[anchor]
+
+
+def _unsureness(scan: AnchorScan) -> tuple[float, float]:
+    """By what anchors are put in order: a line of sight is loudest, and first. NaN counts for nothing."""
+    loudest, nearest = (
+        np.fmax.reduce(scan.amplitude, initial=0.0),
+        np.fmin.reduce(scan.value[:, 0], initial=np.inf),
+    )
+    return -float(loudest), float(nearest)
 
 
 def whole_of(scans: Sequence[AnchorScan]) -> AnchorScan:

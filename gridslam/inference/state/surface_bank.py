@@ -19,6 +19,8 @@ FRESH_SINGLE, FRESH_DOUBLE, FRESH_BEARER = 0.5, 0.3, 0.98
 """Existence of a new surface's rays: single bounces, double bounces, and the ray that bore it."""
 RESTING = P_APPEAR / (P_APPEAR + 1 - P_STAY)
 """Existence of a ray of which nothing was told for long."""
+ANGLES = 8
+"""Sums of what the angles of single bounces say of a surface."""
 SETTLED = 100
 """Age and number of sightings of a surface that an earlier agent left."""
 MOST_MOVED = 0.25
@@ -38,8 +40,8 @@ def _not_known(values: dict[str, Any]) -> Array:
 
 
 def _none_weighed(values: dict[str, Any]) -> Array:
-    """The departures of an earlier version's surfaces, which it didn't weigh, (S, 2)."""
-    return np.zeros((values["identity"].size, 2))
+    """The angles of an earlier version's surfaces, which it didn't weigh so, (S, J, 8)."""
+    return np.zeros((values["identity"].size, len(values["single"]), ANGLES))
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +74,11 @@ class SurfaceBank:
     walk : (S, 2) float64
         Log of how many times as far as a flat wall's line each shifts, and turns, from step to step; where it
         is below 0, as far.
-    departures : (S, 2) float64
-        Of all departures of single bounces so far: weight (1/rad^2), and by how much they missed those of a
-        mirror there, each times its weight (1/rad); see `messages.departures`.
+    angles : (S, J, 8) float64
+        Sums over all single bounces so far, by anchor, see `messages.mirrors`. Of departures, weights
+        (1/rad^2), and by how much they missed a mirror's, times weights (1/rad); of arrivals the same; what
+        departures cost (nats) if a mirror, and if a right corner of two walls sends them; and how they lie
+        beside that corner's, as vectors (x, y) as long as the weights.
     """
 
     identity: NDArray[np.int64]
@@ -89,7 +93,7 @@ class SurfaceBank:
     owner: NDArray[np.int64]
     walk: Array = field(metadata={"later": _flat})
     outermost: Array = field(metadata={"later": _not_known, "blank": True})
-    departures: Array = field(metadata={"later": _none_weighed})
+    angles: Array = field(metadata={"later": _none_weighed})
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -107,13 +111,13 @@ class SurfaceBank:
             raise ValueError("surfaces or anchors don't belong together")
 
     @classmethod
-    def empty(cls, anchors: int) -> SurfaceBank:
-        """A bank without surfaces."""
+    def empty(cls, links: int, anchors: int | None = None) -> SurfaceBank:
+        """A bank without surfaces; of several agents, so many links are those of how many anchors."""
         none, whole = np.zeros(0), np.zeros(0, np.int64)
         return cls(
-            whole, none, np.zeros((0, BINS)), none.copy(), whole.copy(), np.zeros((anchors, 0)),
-            np.zeros((anchors, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(), np.zeros((0, 2)),
-            np.zeros((0, 8)), np.zeros((0, 2)),
+            whole, none, np.zeros((0, BINS)), none.copy(), whole.copy(), np.zeros((links, 0)),
+            np.zeros((links, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(), np.zeros((0, 2)),
+            np.zeros((0, 8)), np.zeros((0, links if anchors is None else anchors, ANGLES)),
         )  # fmt: skip
 
     @property
@@ -174,7 +178,7 @@ class SurfaceBank:
             _longer(self.owner, owner),
             _longer(self.walk, 0.0),
             _longer(self.outermost, np.nan),
-            _longer(self.departures, 0.0),
+            _longer(self.angles, 0.0),
         )
 
 

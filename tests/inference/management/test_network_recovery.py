@@ -11,6 +11,7 @@ from gridslam.inference.management.network.recovery import Beacons, log_likeliho
 from gridslam.inference.management.poses.pose_fix import Fix, _log_likelihood, known_sources
 from gridslam.inference.management.poses.pose_recovery import near_any_path, near_paths
 from gridslam.inference.messages.amplitudes import detection_table
+from gridslam.inference.messages.mirrors import DEPARTED
 from gridslam.inference.messages.path_prediction import predict_every_path
 from gridslam.inference.scans.anchor_measurements import of_all_anchors, split_by_anchor
 from gridslam.simulation.network import simulate_network
@@ -121,11 +122,13 @@ def test_an_agent_that_is_carried_off_in_silence_is_found_where_it_is():
             carried_scan = elsewhere if step >= back else replace(elsewhere, **mute)
             carried_scan = replace(carried_scan, step=step, time_s=here.time_s)
             here = replace(here, scans=(here.scans[0], carried_scan))
-        weighed = slam.state.surfaces.departures[:, 0].sum()
+        weighed = slam.state.surfaces.angles[..., DEPARTED.start].sum()
         estimate = slam.step(here)
         if step == back:
             assert "found again" in estimate.agents["agent2"].health.why
-            assert 0 < slam.state.surfaces.departures[:, 0].sum() < 0.5 * weighed  # they told of its place
+            assert (
+                0 < slam.state.surfaces.angles[..., DEPARTED.start].sum() < 0.5 * weighed
+            )  # they told of its place
     error = estimate.agents["agent2"].position_m - track[step + carried]
     assert np.linalg.norm(error) < 0.3
     assert np.linalg.norm(estimate.agents["agent1"].position_m - data.tracks["agent1"].position_m[step]) < 0.3

@@ -4,46 +4,78 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_states import model_of, state_of
+from filter_states import model_of, state_of_departures
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
 
 import gridslam as gs
-from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.management.readout import surface_estimate
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
-from gridslam.inference.messages.mirrors import (
-    MOST_CORNERS,
-    drop_no_mirrors,
-    drop_shared_no_mirrors,
-    no_mirrors,
-    unweighed,
-)
+from gridslam.inference.messages.mirrors import ARRIVED, DEPARTED, TURNED, mirror_chances, mirror_odds
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.scan import Scan
 
 SYSTEMS = [gs.GridSlam, gs.NetworkSlam, gs.NetworkGridSlam]
-WALL = [0.5 * np.pi, 3.0]
-"""The line y = 3, which mirrors an anchor at the origin to (0, 6)."""
 
 
-def after(missed, std):
-    """A state with one wall off which departures of deviation `std` missed by `missed`, both (K,) rad."""
-    lines = np.array([4.0, 0, 0, 0, 0, *WALL])
-    state = state_of(Belief(lines, 1e-6 * np.eye(7)), 1, existence=0.9)
-    weight = np.sum(std**-2.0)
-    told = np.array([[weight, np.sum(missed * std**-2.0)]])
-    return replace(state, surfaces=replace(state.surfaces, departures=told))
+def test_odds_by_hand():
+    """Of one departure of deviation 0.1 rad, which is a mirror's, and misses a right corner's by 0.2 rad."""
+    # any other corner: the mean over all directions of exp(-100 (1 - cos)), 0.0399; 2.43 in all
+    mean = quad(
+        lambda beta: np.exp(-100 * (1 - np.cos(0.2 - beta))) / (2 * np.pi), -np.pi, np.pi, points=[0.2]
+    )
+    by_hand = -np.log(0.5 * np.exp(-2) + 0.5 * mean[0])
+    systematic = 0.5 * np.log1p(100 * np.radians(0.5) ** 2)
+    odds = mirror_odds(state_of_departures([0.0], [0.1], [0.2]).surfaces)
+    np.testing.assert_allclose(odds, by_hand - systematic, rtol=1e-9)
+    assert by_hand == pytest.approx(2.43, abs=0.01)
+    # none was heard: nothing is known; else six of seven are mirrors before
+    silent = state_of_departures([], []).surfaces
+    assert (mirror_odds(silent).tolist(), mirror_chances(silent).tolist()) == ([0.0], [1.0])
+    chance = mirror_chances(state_of_departures([0.0], [0.1], [0.2]).surfaces)
+    np.testing.assert_allclose(chance, 1 / (1 + np.exp(systematic - by_hand) / 6), rtol=1e-9)
 
 
-def test_by_hand():
-    # 16 departures of deviation 0.1: the mean's is 0.025, with half a degree 0.0265; five of them are 0.1325
-    for mean, gone in [(0.131, False), (0.134, True), (-0.134, True)]:
-        state = after(np.full(16, mean), np.full(16, 0.1))
-        assert no_mirrors(state.surfaces).tolist() == [gone]
-    # of any number of departures: no less than five times half a degree, 0.0436
-    assert not no_mirrors(after(np.full(10**6, 0.0435), np.full(10**6, 0.1)).surfaces).any()
-    assert no_mirrors(after(np.full(10**6, 0.0445), np.full(10**6, 0.1)).surfaces).all()
-    assert not no_mirrors(after(np.zeros(1), np.full(1, np.inf)).surfaces).any()
+@pytest.mark.parametrize(("missed", "beside", "low", "high"), [
+    (0.0, 0.0, -3, 1),  # along the normal of a mirror both depart alike
+    (0.0, 0.3, 2, 8),  # 20 of them all turned alike: a corner that isn't a right one
+    (0.2, 0.0, -40, -30),  # a right corner's
+    (0.2, 0.3, -35, -25),  # another corner's
+])  # fmt: skip
+def test_odds_of_twenty_departures(missed, beside, low, high):
+    several = np.full(20, missed), np.full(20, 0.1), np.full(20, beside)
+    assert low < mirror_odds(state_of_departures(*several).surfaces)[0] < high
+
+
+def test_what_all_miss_together_says_little():
+    """Of an anchor that is turned by 0.7 degrees 10 000 departures say so, and none is a corner's."""
+    turned = np.full(10**4, np.radians(0.7))
+    assert mirror_odds(state_of_departures(turned, np.full(10**4, 0.1), turned).surfaces)[0] > -3
+
+
+def test_users_see_how_likely_a_mirror_is():
+    """Of a corner's departures little is left of an existence of 0.9."""
+    state = state_of_departures(np.full(20, 0.1), np.full(20, 0.1), np.zeros(20))
+    (shown,) = surface_estimate(state, work=Workspace(model_of("room", [[0.0, 0.0, 0.0]]), 0)).existence
+    assert shown == pytest.approx(0.9 * mirror_chances(state.surfaces)[0])
+    assert 0 < shown < 0.01
+
+
+@given(st.floats(-3, 3), st.floats(-0.3, 0.3), st.integers(1, 30))
+def test_odds_are_the_same_either_way_round(beside, missed, count):
+    left, right = (
+        mirror_odds(
+            state_of_departures(
+                np.full(count, s * missed), np.full(count, 0.1), np.full(count, s * beside)
+            ).surfaces
+        )
+        for s in (1, -1)
+    )
+    np.testing.assert_allclose(left, right, rtol=1e-9, atol=1e-9)
 
 
 def followed(off, system=gs.GridSlam, steps=12):
@@ -51,28 +83,38 @@ def followed(off, system=gs.GridSlam, steps=12):
     scene = gs.Scene.from_toml(
         "[grid]\nx_m = [-1, 13]\ny_m = [-1, 9]\ncell_m = 0.2\n[radio]\nsnr_at_1m_db = 34\n"
         '[[anchors]]\nname = "a"\nposition_m = [3, 2]\norientation_deg = 0\n'
-        '[[agents]]\nname = "one"\nstart_m = [8, 4.5]\nstart_heading_deg = 180\n'
-        "waypoints_m = [[5, 4.5]]\nstep_m = 0.05\n"
+        '[[agents]]\nname = "one"\nstart_m = [8, 4.5]\nstart_heading_deg = 150\n'
+        "waypoints_m = [[5.402, 6]]\nstep_m = 0.05\n"
         "prior = { position_m = 0.01, velocity_mps = 0.01, heading_deg = 1 }\n[filter]\nparticles = 500\n",
         "corner",
     )
     slam, states = system(scene, seed=1), []
     for step in range(steps):
-        back, out = np.array([21.0 - 8 + 0.05 * step, -2.5]), np.array([13.0 + 0.05 * step, 2.5])
-        values = np.hypot(*back), np.arctan2(out[1], out[0]) + off, np.arctan2(back[1], back[0]) - np.pi
+        x, y = 8 - 0.05 * step * np.cos(np.pi / 6), 4.5 + 0.025 * step
+        back, out = np.array([21 - x, 2 - y]), np.array([21 - x, y - 2])
+        values = (
+            np.hypot(*back),
+            np.arctan2(out[1], out[0]) + off,
+            np.arctan2(back[1], back[0]) - np.radians(150),
+        )
         slam.step(Scan(step, 0.1 * step, np.array([0]), *(np.array([v]) for v in (*values, 5.0))))
         states.append(slam.state)
     return states
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
-def test_departures_are_weighed_step_by_step(system):
+def test_angles_are_weighed_step_by_step(system):
     states = followed(0.0, system)
-    weights, missed = np.array([state.surfaces.departures[0] for state in states]).T
-    assert weights[0] == 0  # what bears a surface doesn't speak for it
-    assert (np.diff(weights) > 0).all()
-    assert np.abs(missed[1:] / weights[1:]).max() < 0.01
+    for kind in (DEPARTED, ARRIVED):
+        weights, missed = np.array([state.surfaces.angles[0, 0, kind] for state in states]).T
+        assert weights[0] == 0  # what bears a surface doesn't speak for it
+        assert (np.diff(weights) > 0).all()
+        assert np.abs(missed[1:] / weights[1:]).max() < 0.01
     assert system is not gs.GridSlam or not len(states[-1].corners)
+    # it departs as far north of east as it arrives from south of it: twice that beside a right corner's
+    beside = np.arctan2(*states[-1].surfaces.angles[0, 0, TURNED][::-1])
+    assert beside == pytest.approx(2 * np.arctan2(2.6, 13.2), abs=0.05)
+    assert mirror_chances(states[-1].surfaces)[0] > 0.9
 
 
 @pytest.mark.parametrize("off", [-0.3, 0.3])
@@ -92,33 +134,6 @@ def test_of_a_network_such_a_wall_goes_too(system):
     assert not all(states[0].surfaces.identity[0] in state.surfaces.identity for state in states[4:])
 
 
-def test_surfaces_that_agents_share_go_by_what_all_of_them_weighed():
-    part = after(np.full(16, 0.2), np.full(16, 0.1))
-    slam = gs.NetworkSlam(gs.Scene.load("exchange"), agents=["agent1", "agent2"], seed=1)
-    state = replace(slam.state, surfaces=part.surfaces)
-    assert drop_shared_no_mirrors(state).surfaces.existence.tolist() == [0.0]
-    assert state.surfaces.existence.tolist() == [0.9]
-    state = replace(state, surfaces=unweighed(part).surfaces)
-    assert drop_shared_no_mirrors(state) is state
-
-
-def test_what_is_no_mirror_goes_and_its_image_stays_known():
-    model = model_of("room", [[0.0, 0.0, 0.0]])
-    good, bad = (after(np.full(16, mean), np.full(16, 0.1)) for mean in (0.05, 0.2))
-    assert drop_no_mirrors(good, model) is good
-    gone = drop_no_mirrors(bad, model)
-    assert gone.surfaces.existence.tolist() == [0.0]
-    assert bad.surfaces.existence.tolist() == [0.9]
-    np.testing.assert_allclose(gone.corners, [[0.0, 0.0, 6.0]], atol=1e-12)
-    again = gone
-    for _ in range(MOST_CORNERS + 3):
-        again = drop_no_mirrors(again, model)
-    assert len(again.corners) == MOST_CORNERS
-    fresh = unweighed(gone)
-    assert not len(fresh.corners)
-    assert not fresh.surfaces.departures.any()
-
-
 def heard(value):
     """A measurement of the one anchor, which faces east, and its birth as a single bounce."""
     scan = AnchorScan.of(
@@ -134,7 +149,7 @@ def test_births_from_there_wait(corner, waits):
     model = model_of("room", [[0.0, 0.0, 0.0]])
     arriving = np.arctan2(6, -4)
     scan, births = heard([np.sqrt(52), np.pi - arriving, arriving])
-    state = replace(after(np.zeros(1), np.full(1, 0.1)), corners=np.array([[0.0, *corner]]))
+    state = replace(state_of_departures(np.zeros(1), np.full(1, 0.1)), corners=np.array([[0.0, *corner]]))
     kept = put_off_double_bounces(births, state, scan, model.radio, model)
     assert len(kept) == (0 if waits else 1)
     other = replace(state, corners=np.array([[1.0, *corner]]))

@@ -34,6 +34,22 @@ def test_a_scan_that_was_split_is_whole_in_the_order_of_its_parts():
     assert scans.whole.label.tolist() == [0, 0, 2, 2]
 
 
+@pytest.mark.parametrize(
+    ("amplitude", "order"),
+    [
+        ([3.0, 9.0, 20.0, np.nan], [2, 0, 3, 1]),  # the loudest first; the second one is silent
+        ([np.nan] * 4, [0, 2, 3, 1]),  # the nearest
+    ],
+)
+def test_anchors_are_heard_from_the_surest_on(amplitude, order):
+    """Anchors 0, 0, 2 and 3 are heard, from 4, 2, 3 and 5 m."""
+    model = model_of("canyon", [[0.0, 0.0, 0.3], [3.0, 1.0, 0.0], [2.0, -2.0, 1.0], [1.0, 5.0, 0.0]])
+    whose, distance, none = np.array([0, 0, 2, 3]), np.array([4.0, 2.0, 3.0, 5.0]), np.zeros(4)
+    scans = split_by_anchor(gs.Scan(0, 0.0, whose, distance, none, none, np.array(amplitude)), model)
+    assert [scan.anchor for scan in scans.surest_first] == order
+    assert [scan.anchor for scan in scans] == [0, 1, 2, 3]
+
+
 def test_a_calibration_that_changes_nothing_leaves_the_model_as_it_is():
     model = model_of(anchors=[[0.0, 0.0, 0.0], [3.0, 1.0, 0.5 * np.pi]])
     assert model.calibrated(np.zeros(2), model.higher) is model

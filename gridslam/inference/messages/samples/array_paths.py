@@ -22,6 +22,7 @@ from gridslam.inference.state.population import moments
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels import LIKELIER_THAN_NOT
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 from gridslam.world.signal_model import SignalModel
@@ -128,6 +129,17 @@ def learn_noise(state: State, anchor: int, likelihood: SnapshotLikelihood) -> St
     ratio = float(np.clip(likelihood.found.mode.noise_ratio, 0.1, 10.0))
     noise[anchor] *= 1 + gain * (ratio - 1)
     return replace(state, noise=noise)
+
+
+def surest_first(state: State, scan: SignalScan, model: SignalModel) -> list[int]:
+    """Anchors that were heard: those whose lines of sight are believed in first, the nearest of them; (M550).
+
+    Not the loudest: of samples, how loud an anchor is means nothing.
+    """
+    gap = model.places[: len(scan.heard), :2] - state.belief.mean[:2]
+    hidden = state.los[: len(scan.heard)] <= LIKELIER_THAN_NOT
+    order = np.lexsort((np.hypot(gap[:, 0], gap[:, 1]), hidden))
+    return [int(anchor) for anchor in order if scan.heard[anchor]]
 
 
 def take_snapshot(

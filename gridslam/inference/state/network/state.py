@@ -125,7 +125,7 @@ class NetworkState:
         anchors, agents = len(model.anchor_names), len(model.agents)
         record = AgentRecord(Calibration.start(anchors), HealthMonitor(), RayAmplitudes())
         return cls(
-            NetworkBelief.start(model.agents, model.clocks), SurfaceBank.empty(agents * anchors),
+            NetworkBelief.start(model.agents, model.clocks), SurfaceBank.empty(agents * anchors, anchors),
             np.full(agents * anchors, FRESH_SIGHT), (record,) * agents, ClockSearch.start(model.clocks),
             np.zeros(agents, bool),
         )  # fmt: skip

@@ -1,0 +1,99 @@
+"""Surfaces that aren't mirrors go; docs/model.md, (M517), (M548). Ours.
+
+Those whose paths leave or arrive elsewhere than a mirror's; and those whose departures are rather a corner's,
+and which lie as if they stood for the double bounce over the corner of two surer ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.messages.mirrors import departures_weighed, mirror_odds, missed_angles
+from gridslam.inference.state.network.state import NetworkState
+from gridslam.inference.state.state import State
+from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.kernels import LIKELIER_THAN_NOT, REPLACES
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import mirror, unit
+from gridslam.world.network_model import NetworkModel
+
+SURE = 5.0
+"""Deviations by which the mean angle of an anchor's paths has to miss a mirror's."""
+WALL, SHARP_M = 0.9, 0.1
+"""Existence of the two surer ones, and the deviation of their offsets."""
+AROUND_M, THROUGH_M, CROSSING = 2.0, 0.15, 0.2
+"""How far the image of a double bounce may be from the surface's own, how far the corner from its line, and
+the least sine of the corner's angle. Departures that aren't a mirror's pull an image by up to some metres."""
+MOST_CORNERS = 64
+"""Corners that are kept: the latest."""
+
+
+def no_mirrors(bank: SurfaceBank) -> NDArray[np.bool_]:
+    """Which surfaces' paths leave or arrive elsewhere than a mirror's do, (S,) bool; (M517)."""
+    return np.asarray((missed_angles(bank) > SURE**2).any((1, 2)))
+
+
+def over_corners(bank: SurfaceBank, belief: Belief, anchors: Array) -> NDArray[np.bool_]:
+    """Which surfaces stand for double bounces over corners of two surer ones, (S,) bool; (M548).
+
+    Parameters
+    ----------
+    anchors : (J, 2) m
+        The bank's rays are those of one agent or more, each of all anchors.
+    """
+    over, odds, weighed = np.zeros(len(bank), bool), mirror_odds(bank), departures_weighed(bank)
+    untold = np.flatnonzero(weighed & (odds < 0))
+    sharp = belief.covariance.diagonal()[belief.layout.head + 1 :: 2] < SHARP_M**2
+    walls = np.flatnonzero(sharp & weighed & (odds > 0) & (bank.existence > WALL) & (bank.seen >= REPLACES))
+    if not len(untold) or len(walls) < 2:
+        return over
+    for row in untold.tolist():
+        hearing = {link % len(anchors) for link in np.flatnonzero(bank.single[:, row] > LIKELIER_THAN_NOT)}
+        if len(hearing) == 1:
+            over[row] = over_corner(belief.lines[row], belief.lines[walls], anchors[hearing.pop()])
+    return over
+
+
+def over_corner(line: Array, walls: Array, anchor: Array) -> bool:
+    """Whether a line (2,) lies as a double bounce of an anchor (2,) over two walls (W, 2) would have it."""
+    last, first = (rows.ravel() for rows in np.meshgrid(*2 * [np.arange(len(walls))], indexing="ij"))
+    normal, by_last, by_first = unit(line[0]), unit(walls[last, 0]), unit(walls[first, 0])
+    sine = by_last[:, 0] * by_first[:, 1] - by_last[:, 1] * by_first[:, 0]
+    a, b = walls[last, 1], walls[first, 1]
+    corner = np.stack(
+        [a * by_first[:, 1] - b * by_last[:, 1], b * by_last[:, 0] - a * by_first[:, 0]], axis=1
+    )
+    through = np.abs(corner @ normal - line[1] * sine) < THROUGH_M * np.abs(sine)
+    gap = mirror(walls[last], mirror(walls[first], anchor)) - mirror(line, anchor)
+    near = np.hypot(gap[:, 0], gap[:, 1]) < AROUND_M
+    return bool((through & near & (np.abs(sine) > CROSSING)).any())
+
+
+def drop_no_mirrors(state: State, model: FilterModel) -> State:
+    """The state without them; where their paths arrive from is kept, for births there to be doubted."""
+    bank, places = state.surfaces, model.places[: model.senders, :2]
+    wrong = no_mirrors(bank) | over_corners(bank, state.belief, places)
+    if not wrong.any():
+        return state
+    images = [
+        [anchor, *mirror(state.belief.lines[row], places[anchor])]
+        for row in np.flatnonzero(wrong)
+        for anchor in np.flatnonzero(bank.single[: model.senders, row] > LIKELIER_THAN_NOT)
+    ]
+    corners = np.concatenate([state.corners, np.reshape(images, (-1, 3))])[-MOST_CORNERS:]
+    return replace(state, corners=corners, surfaces=without(bank, wrong))
+
+
+def drop_shared_no_mirrors(state: NetworkState, model: NetworkModel) -> NetworkState:
+    """As `drop_no_mirrors`, of surfaces that all agents share; births there aren't doubted."""
+    bank = state.surfaces
+    wrong = no_mirrors(bank) | over_corners(bank, state.belief, model.agents[0].anchor_positions)
+    return replace(state, surfaces=without(bank, wrong)) if wrong.any() else state
+
+
+def without(bank: SurfaceBank, gone: NDArray[np.bool_]) -> SurfaceBank:
+    """The bank in which some don't exist."""
+    return replace(bank, existence=np.where(gone, 0.0, bank.existence))

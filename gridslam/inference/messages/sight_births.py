@@ -1,0 +1,64 @@
+"""Births that would take a line of sight's measurement; docs/model.md, (M549). Ours.
+
+What arrives loudest, from where its anchor is, at its distance, is its line of sight, and sets the pose right
+where that is off by more than it claims. A new wall explains it better than that, wherever the pose is: one
+that passes by the anchor, and mirrors it to about itself. Then nothing holds the agent any longer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gridslam.arrays import replace
+from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
+from gridslam.inference.messages.path_prediction import PredictedPaths
+from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.state.state import State
+from gridslam.kernels.primitives import tables
+from gridslam.world.geometry import wrap
+from gridslam.world.radio import RadioModel
+
+NEAR_M, BESIDE = 0.3, 5.0
+"""How far a line of sight's length may be off, and how many deviations its angles."""
+HEARD = 0.95
+"""Existence of a line of sight that was heard; one that never was may be hidden behind a reflection."""
+AS_LOUD = 0.8
+"""How loud it is at least, of what is expected."""
+
+
+def leave_sights(
+    births: Births, state: State, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios,
+    radio: RadioModel,
+) -> tuple[Births, LikelihoodRatios]:  # fmt: skip
+    """Births without those of measurements that are lines of sight, and the ratios with their sums.
+
+    For each line of sight that is believed in that measurement alone which fits it best: a wall behind an
+    anchor is heard as loud and nearly as soon.
+    """
+    rays, value, spread = paths.rays, paths.prediction.value, paths.prediction.spread
+    sights = (rays.bounces == 0) & (state.los[rays.anchor] > HEARD) & (spread[:, 0, 0] < NEAR_M**2)
+    if not len(births) or not sights.any():
+        return births, ratios
+    taken = np.zeros(len(scan), bool)
+    for row in np.flatnonzero(sights).tolist():
+        length = np.abs(scan.value[:, 0] - value[row, 0])
+        least = (
+            AS_LOUD * radio.amplitude_at_1m / max(value[row, 0] - state.belief.late(rays.anchor[row]), NEAR_M)
+        )
+        near = np.flatnonzero((length < NEAR_M) & ~(scan.amplitude < least))  # or without an amplitude
+        if not len(near):
+            continue
+        std = deviations(scan, near, np.fmax(scan.amplitude[near], least), scan.value[near, 1:], radio)
+        angles = wrap(scan.value[near, 1:] - value[row, 1:])
+        off = np.fmax(np.abs(angles) / np.sqrt(std[:, 1:] ** 2 + spread[row].diagonal()[1:]), 0.0)
+        misfit = (length[near] / NEAR_M) ** 2 + ((off / BESIDE) ** 2).sum(1)
+        misfit[(off >= BESIDE).any(1)] = np.inf
+        if misfit.min() < np.inf:
+            taken[near[np.argmin(misfit)]] = True
+    kept = np.flatnonzero(~taken[births.measurement])
+    if len(kept) == len(births):
+        return births, ratios
+    births, measured = births.take(kept), ratios.measured.copy()
+    measured[tables.NEW] = 1.0 + np.bincount(births.measurement, births.ratio, len(scan))
+    return births, replace(ratios, measured=measured)
