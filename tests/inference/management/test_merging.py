@@ -87,6 +87,16 @@ def test_a_merger_moves_the_agent_as_far_as_both_surfaces_exist(existence, both)
     assert belief.covariance[1, 1] == pytest.approx(0.01 - both * 1e-4 / 0.0102 + spread, rel=1e-2)
 
 
+def test_one_surface_has_heard_what_both_have():
+    """Of two that are one, the angles of all paths count."""
+    belief = Belief(np.concatenate([np.zeros(5), WALL, WALL]), 1e-4 * np.eye(9))
+    state = state_of(belief, 2, 1.0)
+    angles = np.arange(32.0).reshape(state.surfaces.angles.shape)
+    bank = replace(state.surfaces, angles=angles, age=np.array([9.0, 4.0]))
+    after, _ = merge(bank, belief)
+    np.testing.assert_array_equal(after.angles, angles.sum(0, keepdims=True))
+
+
 def test_a_birth_of_one_per_cent_that_agrees_vaguely_moves_nothing_to_speak_of():
     """Two walls of 1 m and 0.5 rad are near each other by chance as well."""
     belief = Belief(np.zeros(9), np.diag([1e-4] * 6 + [1.0, 0.25, 1.0]))
