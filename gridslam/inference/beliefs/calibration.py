@@ -78,7 +78,7 @@ class Calibration:
         turn, weight = np.where(anchors, 0.0, self.turn), np.where(anchors, TURN_STD**-2, self.turn_weight)
         return replace(self, turn=turn, turn_weight=weight)
 
-    @cached_property
+    @property
     def gain(self) -> float:
         """Ratio of true to stated amplitude; 1 unless it differs beyond doubt."""
         ratio, doubt = self.pull / self.weight, 1 / math.sqrt(self.weight)

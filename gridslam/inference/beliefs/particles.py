@@ -152,7 +152,7 @@ class Sampling:
         size = len(belief.mean)
         if points.shape[0] < size or len(draft.whole) != size:
             raise ValueError(f"points of {points.shape[0]} entries for a belief of {size}")
-        return cls(belief, points, first, draft._replace(points=points))
+        return cls(belief, points, first, Draft(points, *draft[1:]))
 
     @classmethod
     def at(cls, cloud: Cloud) -> Sampling:

@@ -6,10 +6,11 @@ docs/model.md, section 14. One hypothesis is stepped as if there were no others.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import replace as changed
 
 import numpy as np
 
+from gridslam.arrays import replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
@@ -87,7 +88,7 @@ def advance(
         info = info.doubted(doubt, follows)
     best = population.best
     best = replace(best, monitor=best.monitor.judged(info.health.ok))
-    return replace(population, states=(best, *population.states[1:]), ranges=ranges), info
+    return changed(population, states=(best, *population.states[1:]), ranges=ranges), info
 
 
 def _sighted(
@@ -96,7 +97,7 @@ def _sighted(
     """The population with what lines of sight say of their anchors, and turns that they tell beyond doubt."""
     state = population.best
     if state.monitor.distrusted:
-        return population if population.sights is None else replace(population, sights=None)
+        return population if population.sights is None else changed(population, sights=None)
     known = len(population) == 1 and not population.searching
     looks = (state.step - 1) % LOOK_EVERY == 0  # at the scans that crossings are looked for in
     if not (known and looks and model.radio.departs and len(scan)):
@@ -108,7 +109,7 @@ def _sighted(
     sights, calibration = sights.turns_told(state.calibration)
     if calibration is not state.calibration:
         state = replace(state, calibration=calibration)
-    return replace(population, states=(state,), sights=sights)
+    return changed(population, states=(state,), sights=sights)
 
 
 def _ranges(population: Population[State], scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:
@@ -233,7 +234,7 @@ def _stepped(
     after, infos = each_stepped(population, scan, model, work, step)
     if len(population) == 1:
         before, state, info = population.best, after[0], infos[0]
-        population = replace(population, states=(state,), since=since, guard=NONE)
+        population = changed(population, states=(state,), since=since, guard=NONE)
         if info.found_again:
             population = _doubted(population, info, before, scan, model, work, step)
         population = watched(population, lambda: comparable(info, state, model), scan, model, work)
