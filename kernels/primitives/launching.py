@@ -217,7 +217,7 @@ def _reused_launch(
     latest = launches[-1]
     if key is None or latest.handed[key] is values[key]:
         return latest
-    for one in launches:  # the anchor whose turn it is was launched longest ago
+    for one in reversed(launches):  # as many ago as there are anchors, which mostly are few
         if one.handed[key] is values[key]:
             launches.remove(one)
             break
