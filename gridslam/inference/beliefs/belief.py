@@ -108,10 +108,13 @@ def predict(
         covariance[axis, axis + 2] += place * speed
         covariance[axis + 2, axis] += place * speed
     covariance[HEADING, HEADING] += heading**2
+    after = replace(belief, mean=mean, covariance=covariance)
+    if not len(feet):
+        return after
     # a turn by w about the point at tangential coordinate t changes the offset by t w
     further, around = (wider[:, 0], wider[:, 1]) if isinstance(wider, np.ndarray) else (wider, wider)
     slid, turn = (shift * further) ** 2, (shift / 5.0 * around) ** 2
-    lever, after = turn * feet, replace(belief, mean=mean, covariance=covariance)
+    lever = turn * feet
     angle, below, right, offset = line_entries(after)
     angle += turn
     below += lever

@@ -44,6 +44,22 @@ def test_of_a_heading_it_is_the_ratio_of_two_normal_densities(error, predicted, 
     np.testing.assert_allclose(log, want, rtol=1e-9, atol=1e-9)
 
 
+@given(st.integers(0, 10**6), st.integers(1, 2), st.floats(0.01, 100))
+def test_no_factor_explains_more_than_is_said_without_trying_any(seed, size, told):
+    """Else a jolt that a step shows would pass unseen."""
+    draw = np.random.default_rng(seed)
+    root = draw.normal(size=(size, size))
+    score, information = draw.normal(size=size), root @ root.T
+    most = jolts.explained_at_most(score, information)
+    assert jolts.evidence(score, information, told).max() <= most + 1e-6
+
+
+def test_where_a_step_tells_nothing_in_some_direction_every_factor_is_tried():
+    nothing = np.zeros((1, 1)), np.zeros((2, 2)), np.ones((2, 2)), -np.eye(2), np.diag([np.nan, 1])
+    for information in nothing:
+        assert jolts.explained_at_most(np.ones(len(information)), information) == np.inf
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_of_a_step_it_is_what_filters_with_wider_noise_make_of_its_measurement(robot, seed):
     draw, model = np.random.default_rng(seed), robot.filter_model("agent1")
