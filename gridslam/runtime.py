@@ -7,9 +7,9 @@ import io
 import os
 import threading
 import warnings
-from collections.abc import Iterator
-from functools import cache
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import cache, wraps
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -17,6 +17,7 @@ from threadpoolctl import ThreadpoolController
 
 from gridslam.errors import InputError
 
+Found = TypeVar("Found")
 Resident = Any
 """An array where the device has it: NumPy's on the CPU, Taichi's on a GPU."""
 
@@ -70,6 +71,19 @@ def start(device: str = "auto", threads: int | None = None) -> str:
     if device not in ("auto", _started):
         raise InputError("device", repr(device), f"auto or {_started}, which is running already")
     return _started
+
+
+def once_started(find: Callable[[], Found]) -> Callable[[], Found]:
+    """What a function finds once Taichi runs, as it imports a kernel: found once, since an import at every
+    launch takes as long as handing over an array."""
+
+    @cache
+    @wraps(find)
+    def found() -> Found:
+        start()
+        return find()
+
+    return found
 
 
 def threads_for(cores: int) -> int:
@@ -130,8 +144,8 @@ class _Limits:
 
     def enter(self) -> None:
         with self._lock:
-            if self._within == 0:
-                self._held.enter_context(_pools().limit(limits=1, user_api="blas"))
+            if self._within == 0 and any(pool.get_num_threads() != 1 for pool in _pools().lib_controllers):
+                self._held.enter_context(_pools().limit(limits=1))
             self._within += 1
 
     def leave(self) -> None:
@@ -146,4 +160,4 @@ _limits = _Limits()
 
 @cache
 def _pools() -> ThreadpoolController:
-    return ThreadpoolController()
+    return ThreadpoolController().select(user_api="blas")

@@ -12,6 +12,8 @@ Owner of the kernel that finds them.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gridslam import runtime
@@ -35,9 +37,6 @@ def drop_ghosts(
     departs : bool
         Whether departures tell double bounces from others.
     """
-    runtime.start()
-    from gridslam.kernels.management.merging import find_ghosts
-
     if belief.layout.surfaces != len(bank) or len(places) > len(bank.single):
         raise ValueError("surfaces or anchors don't belong together")
     often = sorted(bank.seen.tolist())
@@ -50,9 +49,17 @@ def drop_ghosts(
         return bank, belief  # none that was seen much less often, and none that is silent
     ghost = np.empty(len(bank), np.int32)
     age = bank.age if by_ratio else np.zeros(len(bank))
-    find_ghosts(
+    _finding()(
         belief.mean, belief.covariance, head, bank.existence, bank.seen, age, single, places, least, ghost
     )  # fmt: skip
     if not ghost.any():
         return bank, belief
     return bank.take(ghost == 0), keep(belief, ghost == 0)
+
+
+@runtime.once_started
+def _finding() -> Any:
+    """The kernel that finds them."""
+    from gridslam.kernels.management.merging import find_ghosts
+
+    return find_ghosts

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,11 +134,8 @@ def both_exist(apart: float, belief: Belief, jacobian: Array, residual: Array) -
 
 def _alike(bank: SurfaceBank, belief: Belief, two: NDArray[np.bool_]) -> tuple[int, int, Array]:
     """Two surfaces whose lines agree and that may be one, and their tie (2, 5); -1 if there are none."""
-    runtime.start()
-    from gridslam.kernels.management.merging import find_duplicates
-
     found, tie = np.empty(2, np.int32), np.empty((2, 5))
-    find_duplicates(
+    _finding()(
         belief.mean, belief.covariance, belief.layout.head, bank.foot, bank.owner, two.view(np.uint8),
         found, tie,
     )  # fmt: skip
@@ -157,13 +155,10 @@ def are_one(older: Array, younger: Array, covariance: Array, foot: float) -> boo
     foot : float, m
         Tangential coordinate of the younger one's latest hit.
     """
-    runtime.start()
-    from gridslam.kernels.management.merging import find_duplicates
-
     mean, joint = np.zeros(AGENT + 4), np.zeros((AGENT + 4, AGENT + 4))
     mean[AGENT:], joint[AGENT:, AGENT:] = np.concatenate([older, younger]), covariance
     found, all_anchors = np.empty(2, np.int32), np.full(2, -1)
-    find_duplicates(
+    _finding()(
         mean, joint, AGENT, np.array([0.0, foot]), all_anchors, np.zeros((2, 2), np.uint8), found,
         np.empty((2, 5)),
     )  # fmt: skip
@@ -225,3 +220,11 @@ def dropped(before: SurfaceBank, after: SurfaceBank, settings: FilterSettings) -
     """How many surfaces that were believed in are no longer there."""
     gone = ~np.isin(before.identity, after.identity)
     return int(np.count_nonzero(gone & detected(before.existence, settings)))
+
+
+@runtime.once_started
+def _finding() -> Any:
+    """The kernel that finds duplicates."""
+    from gridslam.kernels.management.merging import find_duplicates
+
+    return find_duplicates

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +41,16 @@ Ratios = TypeVar("Ratios", bound=Measured)
 def partners(bank: SurfaceBank, belief: Belief, most_bounces: int) -> NDArray[np.int32]:
     """Pairs (last, first) of known surfaces with which a new one may form a path, -1 for the new, (H, 2)."""
     if most_bounces < 2:
-        return _known(b"", most_bounces)
-    sure = belief.covariance.diagonal()[belief.layout.offsets] < CONVERGED_STD_M**2
-    return _known((sure & (bank.existence > 0.9) & (bank.seen >= 3)).tobytes(), most_bounces)
+        return _known((), most_bounces)
+    variances = belief.covariance.diagonal()[belief.layout.offsets]
+    rows = zip(variances.tolist(), bank.existence.tolist(), bank.seen.tolist(), strict=True)
+    sure = (variance < CONVERGED_STD_M**2 and exists > 0.9 and seen >= 3 for variance, exists, seen in rows)
+    return _known(tuple(sure), most_bounces)
 
 
 @lru_cache(64)
-def _known(sure: bytes, most_bounces: int) -> NDArray[np.int32]:
-    surfaces = np.flatnonzero(np.frombuffer(sure, np.bool_)).tolist()
+def _known(sure: tuple[bool, ...], most_bounces: int) -> NDArray[np.int32]:
+    surfaces = [s for s, is_sure in enumerate(sure) if is_sure]
     pairs = [(-1, -1)] if most_bounces >= 1 else []
     pairs += [pair for s in surfaces for pair in ((-1, s), (s, -1))]
     known = np.array(pairs, np.int32).reshape(-1, 2)
@@ -97,9 +99,6 @@ def propose_births(
     (births, ratios)
         ratios: with 1 and the sum over each measurement's births in row `NEW`.
     """
-    runtime.start()
-    from gridslam.kernels.management.births import propose as launch
-
     belief, bank, anchor = state.belief, state.surfaces, scan.anchor
     known, surfaces = partners(bank, belief, model.max_bounces), belief.layout.surfaces
     if len(bank) != surfaces or cloud.surfaces != surfaces or not -1 <= anchor < len(model.anchors):
@@ -111,7 +110,7 @@ def propose_births(
         senders = able[np.isin(able, senders)]
     capacity, hypotheses = -(-len(scan) // PORTION) * PORTION, len(known) * len(senders)
     births, measured = work.buffers(_rows, 0, capacity, hypotheses), ratios.measured.copy()
-    launch(
+    _proposing()(
         model.birth_rate, belief.layout.head, belief.mean, cloud.state, _noise(len(known)), scan.table,
         known, senders, Anchors(model.places, radio.numbers), measured, births,
     )  # fmt: skip
@@ -129,12 +128,10 @@ def _weigh_by_visibility(
     state: State, births: BirthRows, measured: Array, model: FilterModel, work: Workspace
 ) -> None:  # fmt: skip
     """Weigh births by V of their paths at the mean of the belief, in both buffers."""
-    from gridslam.kernels.management.births import weigh_by_visibility
-
     grid, cells, layout = state.require_grid(), work.require_cells(), state.belief.layout
     scratch = cells.scratch
     sketch = Sketch(scratch.line, scratch.place, *work.buffers(_sketch, 0, layout.surfaces + 1))
-    weigh_by_visibility(
+    _weighing()(
         layout.head, grid.shape[1], state.belief.mean, model.places, cells.occupancy(grid), cells.frame,
         sketch, births, measured,
     )  # fmt: skip
@@ -155,3 +152,19 @@ def _senders(anchor: int, anchors: int) -> NDArray[np.int32]:
 def _noise(seed: int) -> Array:
     """Standard normal noise of distance and AoA, (2, SAMPLES)."""
     return np.random.default_rng(seed).standard_normal((2, SAMPLES))
+
+
+@runtime.once_started
+def _proposing() -> Any:
+    """The kernel that proposes births."""
+    from gridslam.kernels.management.births import propose
+
+    return propose
+
+
+@runtime.once_started
+def _weighing() -> Any:
+    """The kernel that weighs births by V of their paths."""
+    from gridslam.kernels.management.births import weigh_by_visibility
+
+    return weigh_by_visibility

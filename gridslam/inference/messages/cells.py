@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from gridslam.inference.messages.path_prediction import (
     ListArguments,
     PathQuery,
     PredictedPaths,
+    listing,
     query_buffers,
     query_of,
 )
@@ -141,13 +143,18 @@ def _cast(
     given : bool
         Whether paths and samples are there already.
     """
-    device, cells = runtime.start(), work.require_cells()
-    from gridslam.kernels.propagation.cells import cast as launch
-    from gridslam.kernels.propagation.rays import list_paths
-
+    device, cells, launch = runtime.start(), work.require_cells(), _casting()
     frame = cells.frame_of_messages if sends else cells.frame
     for arguments in attempts:
         if device == "gpu" and not given:
-            list_paths(*arguments)
+            listing()(*arguments)
         known = Cells(cells.occupancy(grid), frame, grid.row, grid.hit, surface)
         launch(*arguments, known, casting, cells.scratch)
+
+
+@runtime.once_started
+def _casting() -> Any:
+    """The kernel that casts rays."""
+    from gridslam.kernels.propagation.cells import cast
+
+    return cast

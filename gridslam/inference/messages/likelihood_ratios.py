@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,9 +183,6 @@ def evaluate(
     radio : RadioModel
         As the radio seems to be.
     """
-    runtime.start()
-    from gridslam.kernels.messages.evaluation import evaluate as launch
-
     rays, recipe, table = paths.rays, paths.recipe, detection_table(model.radio)
     count, (rows, particles), nodes = len(scan), recipe.room, amplitudes.nodes
     if particles % PATH_BLOCK:
@@ -197,7 +195,7 @@ def evaluate(
         np.empty((5, len(rays), count)),
         np.empty((tables.MEASURED_ROWS, count)),
     )
-    odds = ratios.odds
+    launch, odds = _evaluating(), ratios.odds
     state = work.buffers(_states, 0, rows, particles)
     odds[tables.EXISTENCE], odds[tables.SURFACES], odds[tables.OPEN] = rays.existence, rays.surfaces, validity
     launch(
@@ -211,3 +209,11 @@ def evaluate(
     return Cloud(state, recipe.bandwidth, recipe.layout.unknowns), LikelihoodRatios(
         pairs, found.blocks, *ratios
     )
+
+
+@runtime.once_started
+def _evaluating() -> Any:
+    """The kernel that evaluates pairs and paths."""
+    from gridslam.kernels.messages.evaluation import evaluate
+
+    return evaluate

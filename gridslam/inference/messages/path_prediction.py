@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -214,9 +214,7 @@ def paths_now(state: State, model: FilterModel, *, work: Workspace) -> Rays:
 
 
 def _listed(query: PathQuery, work: Workspace, drawn: bool = True) -> PredictedPaths:
-    runtime.start()
-    from gridslam.kernels.propagation.rays import list_paths
-
+    list_paths = listing()
     for arguments in query.attempts() if drawn else [query.bare()]:
         list_paths(*arguments)
     return query.paths(work)
@@ -226,3 +224,11 @@ def _listed(query: PathQuery, work: Workspace, drawn: bool = True) -> PredictedP
 def _share(bandwidth: float) -> float:
     """Share of the covariance's root that particles are drawn with."""
     return math.sqrt(1 - bandwidth)
+
+
+@runtime.once_started
+def listing() -> Any:
+    """The kernel that lists and predicts paths."""
+    from gridslam.kernels.propagation.rays import list_paths
+
+    return list_paths

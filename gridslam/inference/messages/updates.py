@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -191,11 +192,13 @@ def _correct(
 
     The kernel corrects copies in the workspace, which last: to hand over new arrays takes longer.
     """
-    from gridslam.kernels.messages.updates import update, update_with_clocks, update_with_rises
-
     belief, bank, rays, pairs = state.belief, state.surfaces, paths.rays, ratios.pairs
     anchors, size = len(model.anchors), len(belief.mean)
-    launch = update_with_rises() if belief.rises else update_with_clocks() if belief.clocks else update
+    known = _updates()
+    launch = (
+        known.update_with_rises() if belief.rises
+        else known.update_with_clocks() if belief.clocks else known.update
+    )  # fmt: skip
     share, scratch = work.buffers(_account, scan.anchor, len(pairs.index), size)
     turns = turned if len(turned) == anchors else np.resize(turned, anchors)  # images turn with their anchors
     joint, existence, fits = work.buffers(_copies, 0, size, state.los.shape, bank.single.shape, anchors)
@@ -241,3 +244,11 @@ def _with_images(fits: Array, senders: int, known: bool = True) -> Array:
 def _account(pairs: int, size: int) -> tuple[Array, Array]:
     """Scratch: probability of each association, and of a belief of this size."""
     return np.empty(pairs), np.empty((size, 6))
+
+
+@runtime.once_started
+def _updates() -> Any:
+    """The kernels that update: of a state without clocks and rises, with clocks, and with rises."""
+    from gridslam.kernels.messages import updates
+
+    return updates

@@ -7,6 +7,7 @@ that the motion model doesn't know, it can't; then `pose_fix` looks for a pose t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -86,14 +87,11 @@ def recover_pose(
 
 def near_paths(scans: Sequence[AnchorScan], state: State, model: FilterModel) -> int:
     """How many loud measurements lie where their anchor's line of sight or a single bounce is predicted."""
-    runtime.start()
-    from gridslam.kernels.propagation.rays import near
-
     belief, bank = state.belief, state.surfaces
     bank.check(belief, len(model.anchors), len(state.los))
     table = whole_of(scans).table
     claimed = np.empty(len(table), np.int32)
-    near(
+    _claiming()(
         belief.mean, belief.covariance, belief.layout.head, model.places, bank.existence, bank.owner, table,
         model.radio.numbers, claimed,
     )  # fmt: skip
@@ -187,5 +185,15 @@ def leap(belief: Belief, pose: Array, covariance: Array) -> float:
 
 def crowd(scans: Sequence[AnchorScan]) -> int:
     """Loud measurements of the anchor with most of them, if too many for all to propose poses; else 0."""
+    if all(len(scan) <= MOST_LOUD for scan in scans):
+        return 0
     most = max((int(np.count_nonzero(scan.loud)) for scan in scans), default=0)
     return most if most > MOST_LOUD else 0
+
+
+@runtime.once_started
+def _claiming() -> Any:
+    """The kernel that says which measurements lie where paths are predicted."""
+    from gridslam.kernels.propagation.rays import near
+
+    return near
