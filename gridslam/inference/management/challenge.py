@@ -157,6 +157,8 @@ def loud_of(scans: SplitScan, model: FilterModel) -> float:
     """
     whole = scans.whole
     silent = np.isnan(whole.amplitude)
+    if not silent.any():
+        return float(np.count_nonzero(whole.loud))
     clutter = model.radio.false_alarms * np.count_nonzero([np.isnan(scan.amplitude).any() for scan in scans])
     return float(
         np.count_nonzero(whole.loud & ~silent)

@@ -85,8 +85,11 @@ def spare_unseen(earlier: State, state: State, model: FilterModel) -> State:
         As predicted, of which the first surfaces of the state are.
     """
     bank, count = state.surfaces, len(earlier.surfaces)
-    lasting, rays = bank.seen >= LASTING, bank.likeliest_ray
+    lasting = bank.seen >= LASTING
     lasting[count:] = False
+    if not lasting.any():
+        return state
+    rays = bank.likeliest_ray
     unseen = lasting & (rays < DOUBTED)
     unseen |= out_of_reach(state, lasting & ~unseen & (rays < BELIEVED), model)
     if not unseen.any():

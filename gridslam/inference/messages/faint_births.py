@@ -7,6 +7,7 @@ docs/model.md, (M251), (M252). Ours.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +51,13 @@ def weigh_by_leftovers(
     left = state.leftovers
     if left is None or not len(left) or not len(births):
         return births, ratios
-    unsure = (births.ratio < CERTAIN) & (ratios.explained[births.measurement] < CERTAIN)
-    (rows,) = (unsure & scan.whole[births.measurement] & (births.hit < 0).all(1)).nonzero()
-    if not len(rows):
+    explained = ratios.explained.tolist()
+    few = zip(births.ratio.tolist(), births.measurement.tolist(), births.hit.max(1).tolist(), strict=True)
+    rows = [  # one by one: at most steps none is left to ask whether it is whole
+        row for row, (one, measurement, hit) in enumerate(few)
+        if one < CERTAIN and explained[measurement] < CERTAIN and hit < 0 and scan.whole[measurement]
+    ]  # fmt: skip
+    if not rows:
         return births, ratios
     m, line = births.measurement.take(rows), births.line.take(rows, 0)
     gain, often = borne_out(line, scan, m, state, left, radio, model)
@@ -102,12 +107,9 @@ def borne_out(
         and m.max(initial=-1) < len(scan)
     ):
         raise ValueError("births or leftovers name an anchor or measurement that doesn't exist")
-    runtime.start()
-    from gridslam.kernels.management.faint_births import bear_out
-
     table, belief = detection_table(model.radio), state.belief
     gain, seen = np.empty((len(line), BINS)), np.empty(len(line), np.int64)
-    bear_out(
+    _bearing()(
         scan.anchor, table.step, table.chance, blocks.Belief(belief.mean, belief.covariance),
         blocks.Anchors(model.places, radio.numbers), scan.table,
         blocks.Left(left.pose, left.covariance, left.begin, left.rows),
@@ -157,3 +159,11 @@ def _stated(
     """Of all measurements whether they lack nothing, anchor, value, deviations (M, 3) and amplitude."""
     scan, std = whole_of(scans), np.minimum(std, WIDEST)
     return scan.whole, scan.label.astype(np.int64, copy=False), scan.value, std, scan.amplitude
+
+
+@runtime.once_started
+def _bearing() -> Any:
+    """The kernel that says how much leftovers bear births out."""
+    from gridslam.kernels.management.faint_births import bear_out
+
+    return bear_out

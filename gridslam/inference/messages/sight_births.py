@@ -36,26 +36,31 @@ def leave_sights(
     For each line of sight that is believed in that measurement alone which fits it best: a wall behind an
     anchor is heard as loud and nearly as soon.
     """
-    rays, value, spread = paths.rays, paths.prediction.value, paths.prediction.spread
-    sights = (rays.bounces == 0) & (state.los[rays.anchor] > HEARD) & (spread[:, 0, 0] < NEAR_M**2)
-    if not len(births) or not sights.any():
+    if not len(births):
         return births, ratios
-    taken = np.zeros(len(scan), bool)
-    for row in np.flatnonzero(sights).tolist():
-        length = np.abs(scan.value[:, 0] - value[row, 0])
-        least = (
-            AS_LOUD * radio.amplitude_at_1m / max(value[row, 0] - state.belief.late(rays.anchor[row]), NEAR_M)
-        )
-        near = np.flatnonzero((length < NEAR_M) & ~(scan.amplitude < least))  # or without an amplitude
-        if not len(near):
+    rays, value, spread = paths.rays, paths.prediction.value, paths.prediction.spread
+    taken, lengths, loudness = None, scan.value[:, 0].tolist(), scan.amplitude.tolist()
+    bearing = set(births.measurement.tolist())
+    for row in (rays.bounces == 0).nonzero()[0].tolist():
+        anchor, expected = int(rays.anchor[row]), float(value[row, 0])
+        if not (state.los[anchor] > HEARD and spread[row, 0, 0] < NEAR_M**2):
             continue
+        least = AS_LOUD * radio.amplitude_at_1m / max(expected - float(state.belief.late(anchor)), NEAR_M)
+        # without an amplitude, too; at most steps nothing is born of what lies there
+        if not any(abs(lengths[m] - expected) < NEAR_M and not loudness[m] < least for m in bearing):
+            continue
+        length = np.abs(scan.value[:, 0] - expected)
+        near = np.flatnonzero((length < NEAR_M) & ~(scan.amplitude < least))
         std = deviations(scan, near, np.fmax(scan.amplitude[near], least), scan.value[near, 1:], radio)
         angles = wrap(scan.value[near, 1:] - value[row, 1:])
         off = np.fmax(np.abs(angles) / np.sqrt(std[:, 1:] ** 2 + spread[row].diagonal()[1:]), 0.0)
         misfit = (length[near] / NEAR_M) ** 2 + ((off / BESIDE) ** 2).sum(1)
         misfit[(off >= BESIDE).any(1)] = np.inf
         if misfit.min() < np.inf:
+            taken = np.zeros(len(scan), bool) if taken is None else taken
             taken[near[np.argmin(misfit)]] = True
+    if taken is None:
+        return births, ratios
     kept = np.flatnonzero(~taken[births.measurement])
     if len(kept) == len(births):
         return births, ratios
