@@ -100,7 +100,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = drop_no_mirrors(state, model)  # (M517), (M548)
+    state = drop_no_mirrors(state, model, work=work)  # (M517), (M548)
     state = spare_unseen(recalled, state, model)  # (M495)
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs

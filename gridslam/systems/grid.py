@@ -104,7 +104,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = update_coefficients(state, drawn, model, work=work)  # (M42)
     state = update_cells(state, work=work)  # eq. (46)
     state = learn_surface_walks(recalled, state)  # (M361)
-    state = drop_no_mirrors(state, model)  # (M517), (M548)
+    state = drop_no_mirrors(state, model, work=work)  # (M517), (M548)
     state = spare_unseen(recalled, state, model)  # (M495)
     state = doubt_passed(recalled, state, model)  # (M502)
     state = merge_and_prune(

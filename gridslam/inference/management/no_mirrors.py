@@ -15,6 +15,7 @@ from gridslam.inference.messages.mirrors import departures_weighed, mirror_odds,
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels import LIKELIER_THAN_NOT, REPLACES
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import mirror, unit
@@ -36,19 +37,27 @@ def no_mirrors(bank: SurfaceBank) -> NDArray[np.bool_]:
     return np.asarray((missed_angles(bank) > SURE**2).any((1, 2)))
 
 
-def over_corners(bank: SurfaceBank, belief: Belief, anchors: Array) -> NDArray[np.bool_]:
+def over_corners(
+    bank: SurfaceBank, belief: Belief, anchors: Array, odds: Array | None = None
+) -> NDArray[np.bool_]:
     """Which surfaces stand for double bounces over corners of two surer ones, (S,) bool; (M548).
 
     Parameters
     ----------
     anchors : (J, 2) m
         The bank's rays are those of one agent or more, each of all anchors.
+    odds : (S,), optional
+        The bank's `mirror_odds`, where they are known.
     """
-    over, odds, weighed = np.zeros(len(bank), bool), mirror_odds(bank), departures_weighed(bank)
+    odds = mirror_odds(bank) if odds is None else odds
+    over, weighed = np.zeros(len(bank), bool), departures_weighed(bank)
     untold = np.flatnonzero(weighed & (odds < 0))
+    if not len(untold):
+        return over
     sharp = belief.covariance.diagonal()[belief.layout.head + 1 :: 2] < SHARP_M**2
-    walls = np.flatnonzero(sharp & weighed & (odds > 0) & (bank.existence > WALL) & (bank.seen >= REPLACES))
-    if not len(untold) or len(walls) < 2:
+    sure = sharp & weighed & (odds > 0) & (bank.existence > WALL) & (bank.seen >= REPLACES)
+    walls = np.flatnonzero(sure)
+    if len(walls) < 2:
         return over
     for row in untold.tolist():
         hearing = {link % len(anchors) for link in np.flatnonzero(bank.single[:, row] > LIKELIER_THAN_NOT)}
@@ -72,10 +81,11 @@ def over_corner(line: Array, walls: Array, anchor: Array) -> bool:
     return bool((through & near & (np.abs(sine) > CROSSING)).any())
 
 
-def drop_no_mirrors(state: State, model: FilterModel) -> State:
+def drop_no_mirrors(state: State, model: FilterModel, *, work: Workspace) -> State:
     """The state without them; where their paths arrive from is kept, for births there to be doubted."""
     bank, places = state.surfaces, model.places[: model.senders, :2]
-    wrong = no_mirrors(bank) | over_corners(bank, state.belief, places)
+    odds = work.once(mirror_odds, bank)  # they are read out, too
+    wrong = no_mirrors(bank) | over_corners(bank, state.belief, places, odds)
     if not wrong.any():
         return state
     images = [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEstimate
 from gridslam.inference.management.mixture import poses
-from gridslam.inference.messages.mirrors import mirror_chances
+from gridslam.inference.messages.mirrors import mirror_chances, mirror_odds
 from gridslam.inference.messages.path_prediction import links_of
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population
@@ -75,26 +76,22 @@ def _described(
     strength: Callable[[Rays, Array], Array] | None, work: Workspace,
 ) -> tuple[SurfaceEstimate, PathEstimate]:  # fmt: skip
     """Tables of surfaces, and of the paths from some anchors."""
-    runtime.start()
-    from gridslam.kernels.management.readout import describe
-
     belief, bank = state.belief, state.surfaces
     count, places = len(bank), len(anchors)
     bank.check(belief, places, len(los))
-    table = np.empty((count, 16))
     most = 1 + places * listed_at_most(count, max_bounces)
     scratch = work.buffers(_buffers, places, most, count)
-    describe(
+    _describing()(
         belief.layout.head, max_bounces, at_1m, blocks.Belief(belief.mean, belief.covariance), anchors,
-        links_of(bank, los), blocks.SurfaceRows(bank.extent, bank.reflection, bank.identity),
-        scratch._replace(table=table),
+        links_of(bank, los), blocks.SurfaceRows(bank.extent, bank.reflection, bank.identity), scratch,
     )  # fmt: skip
+    table = scratch.table.copy()
     path, number, quantity, found = scratch.path, scratch.number, scratch.quantity, scratch.found
     several = int(found[0])
     surfaces = SurfaceEstimate(
         bank.identity.copy(), table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
         table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13],
-        bank.existence * mirror_chances(bank), table[:, 14:],
+        bank.existence * mirror_chances(bank, work.once(mirror_odds, bank)), table[:, 14:],
         bank.owner.copy(),
     )  # fmt: skip
     number, quantity = number[:several].copy(), quantity[:several].copy()
@@ -111,6 +108,14 @@ def _described(
 def _buffers(most: int, surfaces: int) -> blocks.Description:
     """Scratch and outputs of `describe` for so many paths, and their number."""
     return blocks.Description(
-        np.empty((3 + 3 * surfaces, 1)), np.empty((0, 16)), np.empty((most, 4), np.int32),
+        np.empty((3 + 3 * surfaces, 1)), np.empty((surfaces, 16)), np.empty((most, 4), np.int32),
         np.empty((most, 13)), np.empty((most, 3), np.int64), np.empty((most, 13)), np.empty(1, np.int32),
     )  # fmt: skip
+
+
+@runtime.once_started
+def _describing() -> Any:
+    """The kernel that describes surfaces and paths."""
+    from gridslam.kernels.management.readout import describe
+
+    return describe

@@ -21,12 +21,14 @@ from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import LIKELIER_THAN_NOT, UNMEASURED
-from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, LAST
 
 AOD, AOA = 1, 2
 """Columns of what is measured: distance, AoD, AoA."""
+VARIANCE = 3, 7, 11
+"""Columns of `Prediction.whole` with their variances as predicted."""
 DEPARTED, ARRIVED, COSTS, TURNED = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
-"""Columns of `SurfaceBank.angles`."""
+WEIGHTS, MISSES = slice(0, 4, 2), slice(1, 4, 2)
+"""Columns of `SurfaceBank.angles`; of departures and arrivals, those of weights, and of what they missed."""
 TINY = 1e-300
 MOST_SURPRISED = 2.5
 """What one angle may say at most, in deviations: it may be another path's."""
@@ -53,30 +55,40 @@ def weigh_angles(state: State, paths: PredictedPaths, ratios: LikelihoodRatios, 
     if state.monitor.astray:
         return state
     index, pair = ratios.pairs.index[: len(ratios.pairs)], ratios.pairs.pair
-    sure = np.flatnonzero(exchange.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT).tolist()
-    table, value, spread = paths.rays.table, paths.prediction.value, paths.prediction.spread
-    told = [(n, row) for n in sure if table[row := index[n, 0], BOUNCES] == 1]
-    if not told:
+    sure = (exchange.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT).nonzero()[0]
+    rows = index[sure, 0]
+    # plain numbers: a handful, one by one
+    told, predictions, measured = (
+        part.tolist() for part in (paths.rays.table[rows], paths.prediction.whole[rows], pair[sure])
+    )
+    if all(bounces != 1 for bounces, *_ in told):
         return state
     bank, belief = state.surfaces, state.belief
-    angles, heading = bank.angles.copy(), float(belief.mean[HEADING])
-    for n, row in told:  # a handful: quicker one by one
-        sums = angles[table[row, LAST], table[row, ANCHOR]]
+    heading, angles, normals = float(belief.mean[HEADING]), bank.angles.copy(), belief.lines[:, 0].tolist()
+    for (bounces, last, _, anchor), predicted, heard in zip(told, predictions, measured, strict=True):
+        if bounces != 1:
+            continue
+        sums = angles[last, anchor].tolist()
         for kind, to in ((AOD, DEPARTED), (AOA, ARRIVED)):
-            if pair[n, 3 + kind] < UNMEASURED:
-                std = math.sqrt(spread[row, kind, kind] + pair[n, 3 + kind])
-                angle = math.remainder(pair[n, kind] - value[row, kind], math.tau)
+            if heard[3 + kind] < UNMEASURED:
+                std = math.sqrt(predicted[VARIANCE[kind]] + heard[3 + kind])
+                angle = math.remainder(heard[kind] - predicted[kind], math.tau)
                 missed = limited(angle / std)
-                sums[to] += std**-2, missed / std
+                _add(sums, to, std**-2, missed / std)
                 if kind == AOD:
                     # over a right corner it leaves the way it arrives, which a mirror turns about its normal
-                    beside = angle + 2 * (
-                        float(belief.lines[table[row, LAST], 0]) - heading - value[row, AOA]
-                    )
+                    beside = angle + 2 * (normals[last] - heading - predicted[AOA])
                     by_corner = limited(math.remainder(beside, math.tau) / std)
-                    sums[COSTS] += 0.5 * missed**2, 0.5 * by_corner**2
-                    sums[TURNED] += math.cos(beside) / std**2, math.sin(beside) / std**2
+                    _add(sums, COSTS, 0.5 * missed**2, 0.5 * by_corner**2)
+                    _add(sums, TURNED, math.cos(beside) / std**2, math.sin(beside) / std**2)
+        angles[last, anchor] = sums
     return replace(state, surfaces=replace(bank, angles=angles))
+
+
+def _add(sums: list[float], to: slice, one: float, other: float) -> None:
+    """Add to two sums that stand side by side."""
+    sums[to.start] += one
+    sums[to.start + 1] += other
 
 
 def limited(deviations: float) -> float:
@@ -89,23 +101,29 @@ def missed_angles(bank: SurfaceBank) -> Array:
 
     Departures and arrivals of each anchor; all of them may miss by `SYSTEMATIC_RAD`.
     """
-    weight, missed = (bank.angles[..., [to.start + k for to in (DEPARTED, ARRIVED)]] for k in (0, 1))
+    weight, missed = bank.angles[..., WEIGHTS], bank.angles[..., MISSES]
     return np.asarray(missed**2 / np.maximum(weight + SYSTEMATIC_RAD**2 * weight**2, TINY))
 
 
 def mirror_odds(bank: SurfaceBank) -> Array:
     """Log odds of a mirror against a corner of two walls by all departures so far, (S,) nats; (M547)."""
-    sums, slack = bank.angles.sum(1), SYSTEMATIC_RAD**2
-    (weight, missed), (each, right), turned = sums[:, DEPARTED].T, sums[:, COSTS].T, sums[:, TURNED].T
-    length = np.hypot(*turned)
+    slack, (weight, missed, _, _, each, right, x, y) = SYSTEMATIC_RAD**2, bank.angles.sum(1).T
+    length = np.hypot(x, y)
     mirror = each - 0.5 * missed**2 * slack / (1 + weight * slack) + 0.5 * np.log1p(weight * slack)
     any_corner = weight - length - np.log(i0e(length))
     return np.asarray(np.log(2) - np.logaddexp(-right, -any_corner) - mirror)
 
 
-def mirror_chances(bank: SurfaceBank) -> Array:
-    """Chances that surfaces are mirrors, (S,); 1 of those of which no departure was weighed; (M547)."""
-    return np.where(departures_weighed(bank), expit(mirror_odds(bank) + MIRRORS), 1.0)
+def mirror_chances(bank: SurfaceBank, odds: Array | None = None) -> Array:
+    """Chances that surfaces are mirrors, (S,); 1 of those of which no departure was weighed; (M547).
+
+    Parameters
+    ----------
+    odds : (S,), optional
+        Their `mirror_odds`, where they are known.
+    """
+    odds = mirror_odds(bank) if odds is None else odds
+    return np.where(departures_weighed(bank), expit(odds + MIRRORS), 1.0)
 
 
 def departures_weighed(bank: SurfaceBank) -> NDArray[np.bool_]:

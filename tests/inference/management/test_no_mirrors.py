@@ -20,6 +20,7 @@ from gridslam.inference.management.no_mirrors import (
 )
 from gridslam.inference.messages.mirrors import ARRIVED, COSTS, DEPARTED, unweighed
 from gridslam.inference.state.surface_bank import BINS, SurfaceBank
+from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.geometry import line_between, mirror, unit
 
 WALLS = np.array([[np.pi, 2.0], [0.5 * np.pi, 3.0], [0.0, 9.0]])
@@ -62,14 +63,15 @@ def test_surfaces_that_agents_share_go_by_what_all_of_them_weighed():
 def test_what_is_no_mirror_goes_and_its_image_stays_known():
     model = model_of("room", [[0.0, 0.0, 0.0]])
     good, bad = (state_of_departures(np.full(16, mean), np.full(16, 0.1)) for mean in (0.05, 0.2))
-    assert drop_no_mirrors(good, model) is good
-    gone = drop_no_mirrors(bad, model)
+    work = Workspace(model, seed=1)
+    assert drop_no_mirrors(good, model, work=work) is good
+    gone = drop_no_mirrors(bad, model, work=work)
     assert gone.surfaces.existence.tolist() == [0.0]
     assert bad.surfaces.existence.tolist() == [0.9]
     np.testing.assert_allclose(gone.corners, [[0.0, 0.0, 6.0]], atol=1e-12)
     again = gone
     for _ in range(MOST_CORNERS + 3):
-        again = drop_no_mirrors(again, model)
+        again = drop_no_mirrors(again, model, work=work)
     assert len(again.corners) == MOST_CORNERS
     fresh = unweighed(gone)
     assert not len(fresh.corners)
@@ -140,7 +142,8 @@ def test_they_go_in_a_step():
     bank, belief = heard(double(ANCHORS[0]))
     places = np.hstack([ANCHORS, np.zeros((2, 1))])
     state = replace(state_of(belief, 2), surfaces=bank)
-    gone = drop_no_mirrors(state, model_of("room", places))
+    model = model_of("room", places)
+    gone = drop_no_mirrors(state, model, work=Workspace(model, seed=1))
     assert gone.surfaces.existence.tolist() == [0.99, 0.99, 0.0]
     assert gone.corners[:, 0].tolist() == [0.0]
     slam = gs.NetworkSlam(gs.Scene.load("exchange"), agents=["agent1"], seed=1)
