@@ -5,25 +5,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.cells import RAYS
-from gridslam.inference.messages.detections import hits_of, latest_hits, with_hits
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels.primitives.blocks import Coefficients, Drawn
+from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import BINS, RadioModel
 
 PRODUCTS: Array = np.arange(1, 2 * BINS + 1) / (2 * BINS)
 """Nodes for products of coefficients; they hold every bin's centre, and 1 for the line of sight."""
+PORTION = 4096
+"""Room for cells that are hit comes in portions."""
 
 
 @dataclass(frozen=True)
@@ -106,28 +109,49 @@ def update_coefficients(state: State, drawn: Polylines, model: FilterModel, *, w
     drawn : Polylines
         The paths of the step's messages, as cast at sampled states.
     """
-    runtime.start()
-    from gridslam.kernels.propagation.coefficients import learn
-
     messages, bank, belief, grid = work.messages, state.surfaces, state.belief, state.require_grid()
-    surfaces = len(bank)
+    surfaces, before = len(bank), len(grid.hit)
     if messages.among[0] > surfaces or belief.layout.surfaces != surfaces:
         raise ValueError("messages or belief aren't of these surfaces")
-    reflection, hits = bank.reflection.copy(), hits_of(bank)
-    row, used = grid.row.copy(), np.array([len(grid.hit)], np.int32)
-    hit = np.empty((len(grid.hit) + 2 * drawn.count * RAYS, BINS), np.float32)
-    hit[: len(grid.hit)] = grid.hit
     detection, tuned = detection_table(model.radio), state.calibration.tuned(model.radio, 0).numbers
-    usual, latest = work.buffers(_usual, 0, surfaces), work.buffers(latest_hits, 0, surfaces)
-    learn(
+    most = -(-(before + 2 * drawn.count * RAYS) // PORTION) * PORTION
+    # the kernel learns in copies in the workspace, which last: to hand over new arrays takes longer
+    where, held, count = work.buffers(_cells, 0, grid.shape, most)
+    surface, usual, latest, hits = work.buffers(_surfaces, 0, surfaces)
+    learned = Coefficients(surface, where, held, count, usual, latest)
+    copies: list[NDArray[Any]] = [surface, where, *hits]
+    given = bank.reflection, grid.row, bank.foot, bank.extent, bank.seen, bank.outermost
+    for copy, known in zip(copies, given, strict=True):
+        copy[...] = known
+    held[:before], count[0] = grid.hit, before
+    _learning()(
         belief.layout.head, detection.step, belief.mean, detection.chance, tuned,
         work.require_cells().frame_of_messages, model.places, Drawn(drawn.drawn, drawn.seen),
-        messages.block(), Coefficients(reflection, row, hit, used, usual, latest), hits,
+        messages.block(), learned, hits,
     )  # fmt: skip
-    bank = replace(with_hits(bank, hits), reflection=reflection)
-    return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=hit[: int(used[0])].copy()))
+    used = int(count[0])
+    row = grid.row if used == before else where.copy()  # it names no other cells
+    foot, extent, seen, outermost = (copy.copy() for copy in hits)
+    bank = replace(bank, reflection=surface.copy(), foot=foot, extent=extent, seen=seen, outermost=outermost)
+    return replace(state, surfaces=bank, grid=replace(grid, row=row, hit=held[:used].copy()))
 
 
-def _usual(surfaces: int) -> Array:
-    """Scratch: mean coefficient of every surface."""
-    return np.empty(surfaces)
+def _cells(shape: tuple[int, int], most: int) -> tuple[NDArray[np.int32], NDArray[np.float32], Any]:
+    """Room for every cell's row, for what so many cells learn that are hit, and for how many are."""
+    return np.empty(shape, np.int32), np.empty((most, BINS), np.float32), np.empty(1, np.int32)
+
+
+def _surfaces(surfaces: int) -> tuple[Array, Array, NDArray[np.int32], Hits]:
+    """Room for what so many surfaces learn, for scratch, and for where they were hit."""
+    hits = Hits(
+        np.empty(surfaces), np.empty((surfaces, 2)), np.empty(surfaces, np.int64), np.empty((surfaces, 8))
+    )
+    return np.empty((surfaces, BINS)), np.empty(surfaces), np.empty(surfaces, np.int32), hits
+
+
+@runtime.once_started
+def _learning() -> Any:
+    """The kernel that learns coefficients."""
+    from gridslam.kernels.propagation.coefficients import learn
+
+    return learn
