@@ -5,7 +5,7 @@ Every other path (over a roof, and over floor and ceiling unless the scene has t
 scene has heights, lengths stay as they are, and so do paths of any slope that lead from the anchor's height
 to the agent's. Without heights,
 what isn't too steep is projected on the plane: the azimuths as they are, the length times the cosine of the
-slope.
+slope. What a tracer lists twice counts once.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.importers.repeated_paths import repeated
 from gridslam.measurements.network import NetworkMeasurements
 from gridslam.measurements.table import Measurements
 from gridslam.world.columns import ELEVATIONS
@@ -77,6 +78,12 @@ class TracedPaths:
         """Paths with the same slope at both ends, (N, J, L)."""
         with np.errstate(invalid="ignore"):
             return np.abs(self.departure_zenith_rad + self.arrival_zenith_rad - np.pi) < SAME_SLOPE_RAD
+
+    @property
+    def angles_rad(self) -> tuple[Array, ...]:
+        """Azimuths and angles from the vertical at both ends, each (N, J, L)."""
+        azimuths = self.departure_rad, self.arrival_rad
+        return *azimuths, self.departure_zenith_rad, self.arrival_zenith_rad
 
     @classmethod
     def join(cls, parts: Sequence[TracedPaths], axis: int = 0) -> TracedPaths:
@@ -180,6 +187,7 @@ def plane_table(
     with np.errstate(invalid="ignore"):
         usable = (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
         usable &= _in_space(paths, length, scene.verticals(agent)) if scene.has_heights else paths.planar
+    usable &= ~repeated(paths.delay_s, paths.angles_rad)
     columns = {
         "distance_m": length if scene.has_heights else length * np.cos(slope),
         "aod_rad": wrap(paths.departure_rad - scene.anchor_orientations[:, None]),

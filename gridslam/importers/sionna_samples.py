@@ -1,7 +1,8 @@
 """Samples of what Sionna RT traced: all paths, with their phases, at every antenna and frequency.
 
 Unlike path measurements nothing is left out that a map of walls can't explain: scattered paths, of which a
-tracer gives thousands, count by the power of their sum, and paths of any slope by how they are heard.
+tracer gives thousands, count by the power of their sum, and paths of any slope by how they are heard. What a
+tracer lists twice counts once.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.importers.raytracers import headings
+from gridslam.importers.repeated_paths import repeated
 from gridslam.importers.sionna import ANGLES, coefficients, numbers_of, require_seconds, require_whole
 from gridslam.measurements.recording import Recording
 from gridslam.world.geometry import wrap
@@ -137,12 +139,14 @@ class _Part:
         valid = columns["valid"].astype(bool)
         require_seconds(columns["tau"][valid], scene)
         require_whole(columns | {"a": self.gain}, valid)
+        delay_s = np.where(valid & (columns["tau"] > 0), columns["tau"], np.nan)
+        self.there = np.isfinite(delay_s) & ~repeated(delay_s, [columns[name] for name in ANGLES])
         self.columns = columns
 
     def of(self, step: int, anchor: int, turn: float, heading: float) -> tuple[Complex, Array, Array, Array]:
         """Coefficients and lengths (L,); elevated directions [angle, cosine] (L, 2) at anchor and agent."""
         rows = {name: values[step, anchor] for name, values in self.columns.items()}
-        good = rows["valid"].astype(bool) & (rows["tau"] > 0)
+        good = self.there[step, anchor]
         ends = [
             np.stack([rows[f"phi_{end}"] - own, np.sin(rows[f"theta_{end}"])], 1)[good]
             for end, own in (("t", turn), ("r", heading))
