@@ -34,6 +34,8 @@ KEEP, FADING = 0.5, 0.25
 PROOF_LEAD, PROOF_LOUD = 10.0, 20.0
 """Lead of each loud measurement, nats, that bears out a start for which too many places fitted; as many nats
 as so many of them have are needed anyway."""
+TOLD_BY_SIGHT = 10.0
+"""Nats that lines of sight have to be louder by than reflections to bear out such a start."""
 DOUBT_STEPS, SPREAD_M = 50, 0.3
 """For how long a doubt keeps the search for challengers going; spread of the position that is one."""
 PLACE_COUNTS = 1e-4
@@ -64,6 +66,8 @@ class Doubt:
         Whether the start was taken from a list that lacks places, and nothing has borne it out since.
     borne, counted : float
         Lead and loud measurements since then, or since all spoke against it.
+    sighted : float
+        What loudness says since then for lines of sight against reflections, nats.
     turnable : bool
         Whether nothing tells by how much all is turned about the one anchor.
     raised : bool
@@ -80,6 +84,7 @@ class Doubt:
     turnable: bool = field(default=False, metadata=LATER)
     raised: bool = field(default=False, metadata=LATER)
     surplus: float = field(default=0.0, metadata=LATER)
+    sighted: float = field(default=0.0, metadata=LATER)
 
     FORMER_NAMES: ClassVar = ("Watch",)
 
@@ -142,11 +147,20 @@ class Doubt:
             return self
         return replace(self, doubtful=DOUBT_STEPS, raised=not before.against())
 
-    def tried(self, lead: float, loud: float) -> Self:
-        """Take in by how much the likeliest hypothesis leads a start anew at a step, nats; (M392)."""
+    def tried(self, lead: float, loud: float, sighted: float = 0.0) -> Self:
+        """Take in by how much the likeliest hypothesis leads a start anew at a step, nats; (M392), (M551).
+
+        Parameters
+        ----------
+        sighted : float
+            What the scan says for its lines of sight against reflections, nats.
+        """
+        told = replace(self, sighted=max(self.sighted + sighted, 0.0))
+        if told.sighted >= TOLD_BY_SIGHT:
+            return told.proven()
         if self.borne + lead <= 0:
-            return replace(self, borne=0.0, counted=0.0)
-        after = replace(self, borne=self.borne + lead, counted=self.counted + loud)
+            return replace(told, borne=0.0, counted=0.0)
+        after = replace(told, borne=self.borne + lead, counted=self.counted + loud)
         enough = PROOF_LEAD * max(after.counted, PROOF_LOUD)
         return after.proven() if after.borne >= enough else after
 

@@ -30,6 +30,7 @@ from gridslam.inference.management.poses.pose_search import (
     line_of_sight_poses,
     near,
 )
+from gridslam.inference.management.sole_sight import for_sights
 from gridslam.inference.messages.motion import predict_agent
 from gridslam.inference.scans.anchor_measurements import AnchorScan, SplitScan, split_by_anchor
 from gridslam.inference.state.population import Population
@@ -145,7 +146,7 @@ def _compared(
     draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
     found = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
     if watch.unproven:
-        watch = watch.tried(evidence() - found.best, loud)
+        watch = watch.tried(evidence() - found.best, loud, for_sights(state, scan, model, work))
     return watch.compared(evidence(), *found, loud, due) if compares else watch
 
 

@@ -1,4 +1,4 @@
-"""The only anchor in sight, where nothing tells a departure; docs/model.md, (M514).
+"""The only anchor in sight, where nothing tells a departure; docs/model.md, (M514), (M551).
 
 Distances and arrivals of one anchor stay the same when agent and walls turn about it together. Anchors that
 are hidden are heard over walls, and over which nobody can tell while the turn is open: what they seem to say
@@ -27,6 +27,8 @@ AGREE = 4.0
 """Deviations within which a line of sight has the distance and the arrival that follow from the pose."""
 AS_LOUD, REFLECTED = 0.75, 0.7
 """Of its loudness: what is taken for it, at least; what a wall would leave, against which it is held."""
+BY_METAL = 0.9
+"""What of it metal would leave, about, where it bears out a start."""
 BEYOND_DOUBT, WITHOUT_AMPLITUDE = 5.0, 2.0
 """Nats from which on it is one; what a scan tells in radios that measure no amplitude."""
 
@@ -65,10 +67,29 @@ def as_far_as_told(
     return changed(population, states=states), scan
 
 
-def sights_heard(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[Array, Array]:
+def for_sights(state: State, scan: Scan, model: FilterModel, work: Workspace) -> float:
+    """What a scan's loudness says for lines of sight against walls' reflections as far away, nats; (M551).
+
+    0 where departures or amplitudes aren't measured: a line of sight leaves places open there, or any
+    reflection may be one.
+    """
+    if not model.radio.departs or np.isnan(scan.amplitude).any():
+        return 0.0
+    loudness, expected = sights_heard(state, scan, model, work, least=0.0)
+    return float(_against_reflection(loudness, expected, BY_METAL).sum())
+
+
+def sights_heard(
+    state: State, scan: Scan, model: FilterModel, work: Workspace, least: float = AS_LOUD
+) -> tuple[Array, Array]:
     """How loud what may be an anchor's line of sight is in a scan, and how loud it should be, (J,) each.
 
     Both are 0 where a scan holds none; loudness is NaN where amplitudes aren't measured.
+
+    Parameters
+    ----------
+    least : float
+        Of how loud it should be, what is taken for it.
     """
     scans = work.once(split_by_anchor, scan, model)
     belief = with_turn(state, model).belief
@@ -81,7 +102,7 @@ def sights_heard(state: State, scan: Scan, model: FilterModel, work: Workspace) 
     off, table = np.abs(sight.off) / sight.std, whole.table
     at_place = (off[:, 0] < AGREE) & ((off[:, 2] < AGREE) | ~(table[:, 5] >= 0))
     should = state.calibration.tuned(model.radio, 0).amplitude(sight.length, 1.0)
-    loud = ~(table[:, 6] > 0) | (table[:, 6] > AS_LOUD * should)
+    loud = ~(table[:, 6] > 0) | (table[:, 6] > least * should)
     loudness, expected = np.zeros((2, model.senders))
     for row in np.flatnonzero(at_place & loud & whole.loud):
         own = whole.label[row]
@@ -91,9 +112,9 @@ def sights_heard(state: State, scan: Scan, model: FilterModel, work: Workspace) 
     return loudness, expected
 
 
-def _against_reflection(loudness: Array, expected: Array) -> Array:
+def _against_reflection(loudness: Array, expected: Array, reflected: float = REFLECTED) -> Array:
     """What loudness says for a line of sight, against a wall's reflection as far away (J,), nats."""
-    walls = REFLECTED * expected
+    walls = reflected * expected
     ratio = 0.5 * ((loudness - walls) ** 2 - (loudness - expected) ** 2)
     return np.where(np.isnan(ratio), WITHOUT_AMPLITUDE, ratio)
 

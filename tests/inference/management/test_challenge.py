@@ -20,6 +20,7 @@ from gridslam.inference.health.doubt import (
     PROOF_LEAD,
     PROOF_LOUD,
     SURPLUS,
+    TOLD_BY_SIGHT,
     Doubt,
     places,
 )
@@ -371,6 +372,12 @@ def test_a_start_of_too_many_places_is_borne_out_by_evidence_alone():
     against = doubt.tried(enough - 1, 3).tried(-enough, 2)
     assert (against.borne, against.counted, against.unproven) == (0.0, 0.0, True)
     assert against.tried(enough - 1, 2).unproven, "what was said before is gone"
+    sighted = doubt.tried(-1.0, 1, TOLD_BY_SIGHT - 1)
+    assert sighted.unproven
+    assert not sighted.tried(-1.0, 1, 1.0).unproven, "lines of sight tell the place, though nothing is mapped"
+    fainter = sighted.tried(-1.0, 1, -2 * TOLD_BY_SIGHT)
+    assert fainter.sighted == 0.0
+    assert fainter.tried(-1.0, 1, TOLD_BY_SIGHT - 1).unproven
 
 
 def test_a_start_is_compared_at_every_step_until_it_is_borne_out(mapped, scans):
@@ -382,6 +389,7 @@ def test_a_start_is_compared_at_every_step_until_it_is_borne_out(mapped, scans):
         after = watched(before, lambda worth=worth: worth, scan, model, work).watch
         assert after.unproven is reported
         assert (after.borne > 0) is (worth == 1e4)
+        assert (after.sighted > 0) is unproven, "its lines of sight are as loud as they should be"
         assert after.lead == 0.0, "the lead is taken every few steps"
 
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.inference.management.sole_sight import as_far_as_told, sights_heard
+from gridslam.inference.management.sole_sight import as_far_as_told, for_sights, sights_heard
 from gridslam.inference.state.population import Population
 from gridslam.systems.soundness import require_sound
+from gridslam.world.geometry import wrap
 from gridslam.world.start import assumed_start
 
 FIRST, SECOND = 0, 1
@@ -160,3 +161,36 @@ def test_a_checkpoint_keeps_what_waits_and_one_of_other_anchors_is_refused(tmp_p
         require_sound(replace(state, sight_nats=np.zeros(3)), slam.model, "file")
     with pytest.raises(gs.InputError, match="turn_anchor"):
         require_sound(replace(state, turn_anchor=2), slam.model, "file")
+
+
+def measured(state, anchor, louder, measures=("distance", "aod", "aoa", "amplitude")):
+    """What a scan of a line of sight alone says, so many times as loud as it should be; that loudness."""
+    scene = two_rooms(4, measures)
+    slam = started(scene)
+    scan = next(iter(gs.simulate(scene, "cart", seed=3)))
+    x, y, turn = state.belief.mean[[0, 1, 4]]
+    gap = np.array(scene.anchors[anchor].position_m) - (x, y)
+    far, bearing = np.hypot(*gap), np.arctan2(gap[1], gap[0])
+    facing = np.radians(scene.anchors[anchor].orientation_deg)
+    one = np.array([0])
+    told = {
+        "anchor": np.array([anchor], scan.anchor.dtype), "distance_m": np.array([far]),
+        "aod_rad": wrap(np.array([bearing + np.pi - facing])), "aoa_rad": wrap(np.array([bearing - turn])),
+        "amplitude": np.array([louder * 10 ** (36 / 20) / far]),
+    }  # fmt: skip
+    return for_sights(state, replace(scan.only(one), **told), slam.model, slam.work), 10 ** (36 / 20) / far
+
+
+@pytest.mark.parametrize("louder", [1.2, 1.0, 0.95, 0.9, 0.7, 0.3])
+def test_loudness_speaks_for_a_line_of_sight_against_metal(louder):
+    """By hand: half the squares of how far it is from 0.9 of the expected, less from all of it; (M551)."""
+    state = started(two_rooms(4)).state
+    found, expected = measured(state, FIRST, louder)
+    assert found == pytest.approx(0.5 * expected**2 * ((louder - 0.9) ** 2 - (louder - 1.0) ** 2), rel=1e-6)
+    assert (found > 0) == (louder > 0.95)
+
+
+def test_loudness_says_nothing_where_a_line_of_sight_leaves_places_open():
+    state = started(two_rooms(4)).state
+    assert measured(state, FIRST, 1.0, ("distance", "aoa", "amplitude"))[0] == 0.0
+    assert measured(state, FIRST, np.nan)[0] == 0.0
