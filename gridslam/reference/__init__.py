@@ -24,7 +24,7 @@ from gridslam.reference.feature_likelihood import (
     evaluate_features,
 )
 from gridslam.reference.feature_paths import multiply_paths, place_paths, slope_paths
-from gridslam.reference.gaussian import bend, correct, late, of_length, predict, tall
+from gridslam.reference.gaussian import bend, bend_of_bounce, correct, late, of_length, predict, tall
 from gridslam.reference.histograms import listen, walk
 from gridslam.reference.line_evidence import weigh_lines
 from gridslam.reference.merging import find_duplicates, find_ghosts
@@ -44,6 +44,7 @@ __all__ = [
     "back_project",
     "bear_out",
     "bend",
+    "bend_of_bounce",
     "cast",
     "cells_of",
     "climb",

@@ -92,6 +92,34 @@ def bend(mean: Array, covariance: Array, place: Array, height: float) -> tuple[A
     )
 
 
+def bend_of_bounce(
+    mean: Array, covariance: Array, line: NDArray[np.intp], place: Array, height: float
+) -> tuple[Array, Array]:
+    """Twin of `gaussian.bend_of_bounce`: second derivatives by x, y and the line, (4, 4) each."""
+    angle, offset = mean[line]
+    n, t = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    gap, along = offset - n @ place[:2], t @ place[:2]
+    away = place[:2] + 2 * gap * n - mean[:2]  # from the agent to the anchor's image
+    first = np.column_stack([-np.eye(2), 2 * gap * t - 2 * along * n, 2 * n])
+    twice = np.zeros((2, 4, 4))
+    twice[:, 2, 2] = 2 * (n @ place[:2] - gap) * n - 4 * along * t
+    twice[:, 2, 3] = twice[:, 3, 2] = 2 * t
+    rows = [0, 1, *line]
+    block = covariance[np.ix_(rows, rows)]
+    level, width = np.linalg.norm(away), np.sqrt((first @ block @ first.T).trace())
+    length, (x, y) = np.hypot(level, height), away / level
+    by_length = (np.eye(2) - np.outer(away, away) / length**2) / max(length, width)
+    by_angle = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / max(level, width) ** 2
+    pull, turn = away / length, np.array([-y, x]) / max(level, width)
+    hessian = [first.T @ by_length @ first + np.tensordot(pull, twice, 1)]
+    arriving = first.T @ by_angle @ first + np.tensordot(turn, twice, 1)
+    each = [one @ block for one in (*hessian, -arriving, arriving)]
+    return (
+        0.5 * np.array([np.trace(one) for one in each]),
+        0.5 * np.array([[np.trace(one @ other) for other in each] for one in each]),
+    )
+
+
 def correct(
     mean: Array, covariance: Array, head: int, path: Whole, start: Whole, index: Whole, pair: Array,
     odds: Array, beta: Array, nu: Array, places: Array,
@@ -110,9 +138,14 @@ def correct(
     for row in order[sure[order] >= UNLIKELY]:
         value, slope, core = (part[0] for part in predict(mean, covariance, head, path[row][None], places))
         bent = np.zeros((3, 3))
+        source = int(path[row, 3])
+        height = float(tall(mean, head, source, places))
         if path[row, 0] == 0:
-            source = int(path[row, 3])
-            more, bent = bend(mean, covariance, places[source], float(tall(mean, head, source, places)))
+            more, bent = bend(mean, covariance, places[source], height)
+            value, core = value + more, core + bent
+        if path[row, 0] == 1:
+            line = StateLayout.of_view(len(mean), head - AGENT).line(path[row, 1])
+            more, bent = bend_of_bounce(mean, covariance, line, places[source], height)
             value, core = value + more, core + bent
         chosen = slice(start[row], start[row + 1])
         variance, density = pair[chosen, 3:6], pair[chosen, 6]

@@ -8,7 +8,9 @@ import taichi as ti
 from gridslam.kernels import UNMEASURED
 from gridslam.kernels.primitives.functions import PI, decay_of, wrapped
 from gridslam.kernels.primitives.gaussian import (
+    OF_BOUNCE,
     bend_of,
+    bend_of_bounce,
     entry_of,
     path_of,
     spread_by_clocks,
@@ -84,7 +86,7 @@ def correct_by(
     row, belief: ti.template(), head, path: ti.template(), pairs: ti.template(), ratios: ti.template(),
     places: ti.template(), account: ti.template(), open: ti.template(),
 ):  # fmt: skip
-    """Correct by one path, docs/model.md, (M27)-(M29), (M291).
+    """Correct by one path, docs/model.md, (M27)-(M29), (M291), (M552).
 
     What surer paths have taken of a measurement it can't have caused: the rest counts as caused none.
     """
@@ -102,6 +104,15 @@ def correct_by(
             core += spread_by_rise(slope, entry, unknown, steepness, belief.covariance)
     if bounces == 0:
         bent, bend = bend_of(slope, value[0] - place[3], belief.covariance)
+        value += bent
+        core += bend
+    if bounces == 1:
+        block = ti.Matrix.zero(ti.f64, 4, 4)
+        for i in ti.static(range(4)):
+            for j in ti.static(range(4)):
+                block[i, j] = belief.covariance[entry[OF_BOUNCE[i]], entry[OF_BOUNCE[j]]]
+        angle, offset = belief.mean[entry[3]], belief.mean[entry[4]]
+        bent, bend = bend_of_bounce(slope, value[0] - place[3], place, angle, offset, block)
         value += bent
         core += bend
     total = ratios.odds[MISSED, row]

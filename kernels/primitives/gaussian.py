@@ -12,6 +12,8 @@ from gridslam.kernels.primitives.tables import LEARNT, LENGTH, UNCLEAR
 
 UNDIRECTED = 1e-9
 """1/m: less than one over any length."""
+OF_BOUNCE = (0, 1, 3, 4)
+"""Of the entries that a path depends on, what bends a single bounce: x, y, angle and offset of its line."""
 
 
 @ti.func
@@ -170,6 +172,45 @@ def bend_of(slope, length, covariance: ti.template()):
         spread[0, i] = spread[i, 0] = both
         for j in ti.static(range(1, 3)):
             spread[i, j] = turned
+    return mean, spread
+
+
+@ti.func
+def bend_of_bounce(slope, length, place, angle, offset, block):
+    """The same of a single bounce over a line, (M552).
+
+    `block` (4, 4) is the covariance of x, y and the line. The anchor's image bends with the line's angle, most
+    where the line runs close to the anchor: there one measurement hardly tells the angle.
+    """
+    mean, spread = ti.Vector.zero(ti.f64, 3), ti.Matrix.zero(ti.f64, 3, 3)
+    across = ti.Vector([-slope[2, 0], -slope[2, 1]], dt=ti.f64)
+    near = ti.max(ti.sqrt(dot(across, across)), UNDIRECTED)
+    across /= near
+    along = ti.Vector([across[1], -across[0]], dt=ti.f64)  # from the agent to the anchor's image
+    lean = ti.max(-slope[0, 0] * along[0] - slope[0, 1] * along[1], UNDIRECTED)
+    n = ti.Vector([cos_of(angle), sin_of(angle)], dt=ti.f64)
+    t = ti.Vector([-n[1], n[0]], dt=ti.f64)
+    away = n[0] * place[0] + n[1] * place[1]
+    turned = 2 * (2 * away - offset) * n - 4 * (t[0] * place[0] + t[1] * place[1]) * t  # twice by the angle
+    by_r, by_t = ti.Vector.zero(ti.f64, 4), ti.Vector.zero(ti.f64, 4)  # what moves the image along and across
+    for k in ti.static(range(4)):
+        by_r[k], by_t[k] = slope[0, OF_BOUNCE[k]] / lean, slope[2, OF_BOUNCE[k]] / near
+    wide = ti.sqrt(by_r.dot(block @ by_r) + by_t.dot(block @ by_t))
+    length, near = ti.max(length, wide), ti.min(near, 1 / wide)
+    by_length = (1 - lean * lean) / length * by_r.outer_product(by_r) + by_t.outer_product(by_t) / length
+    by_angle = -near * near * (by_r.outer_product(by_t) + by_t.outer_product(by_r))
+    by_length[2, 2] += lean * dot(along, turned)
+    by_angle[2, 2] += near * dot(across, turned)
+    for one in ti.static(range(2)):  # by angle and offset
+        by_length[2 + one, 3 - one] += lean * 2 * dot(along, t)
+        by_angle[2 + one, 3 - one] += near * 2 * dot(across, t)
+    first, second = by_length @ block, by_angle @ block
+    mean[0], mean[2] = 0.5 * first.trace(), 0.5 * second.trace()
+    spread[0, 0], spread[2, 2] = 0.5 * (first @ first).trace(), 0.5 * (second @ second).trace()
+    spread[0, 2] = spread[2, 0] = 0.5 * (first @ second).trace()
+    mean[1], spread[1, 1] = -mean[2], spread[2, 2]  # a single bounce turns the direction over
+    spread[0, 1] = spread[1, 0] = -spread[0, 2]
+    spread[1, 2] = spread[2, 1] = -spread[2, 2]
     return mean, spread
 
 

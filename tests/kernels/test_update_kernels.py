@@ -18,6 +18,7 @@ from kernel_worlds import (
 from gridslam import reference
 from gridslam.bench.kernels import twin_arguments
 from gridslam.kernels import PATH_BLOCK, SUMS
+from gridslam.world.geometry import wrap
 
 
 @pytest.mark.slow
@@ -173,3 +174,90 @@ def test_an_agent_at_its_anchors_very_place_has_no_direction_to_bend(bent):
     assert not found[:4, :3].any()
     assert not more.any()
     assert not spread.any()
+
+
+@pytest.fixture(scope="module")
+def bounced():
+    """The same of a single bounce over a line; derivatives by x, y and the line."""
+    import taichi as ti
+
+    from gridslam.kernels.primitives.gaussian import OF_BOUNCE, bend_of_bounce, path_of
+
+    @ti.kernel
+    def bounced(
+        mean: ti.types.ndarray(dtype=ti.f64, ndim=1),
+        covariance: ti.types.ndarray(dtype=ti.f64, ndim=2),
+        place: ti.types.ndarray(dtype=ti.f64, ndim=1),
+        out: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    ):
+        for _ in range(1):
+            own = ti.Vector([place[0], place[1], place[2], 0.0, place[3]], dt=ti.f64)
+            value, slope = path_of(mean, 5, own, 1, 0, 0)
+            block = ti.Matrix.zero(ti.f64, 4, 4)
+            for i in ti.static(range(4)):
+                for j in ti.static(range(4)):
+                    block[i, j] = covariance[i, j]
+            more, spread = bend_of_bounce(slope, value[0], own, mean[5], mean[6], block)
+            for i in ti.static(range(3)):
+                out[0, i], out[4, i] = more[i], value[i]
+                for j in ti.static(range(3)):
+                    out[1 + i, j] = spread[i, j]
+                for j in ti.static(range(4)):
+                    out[5 + i, j] = slope[i, OF_BOUNCE[j]]
+
+    return bounced
+
+
+def over_line(at, place, bearing):
+    """Length, departure and arrival (N, 3) over lines, of x, y, angle and offset (N, 4), by mirror images."""
+    normal = np.stack([np.cos(at[:, 2]), np.sin(at[:, 2])], 1)
+
+    def seen(point, whence):
+        image = point + 2 * (at[:, 3] - (point * normal).sum(1))[:, None] * normal
+        return image - whence
+
+    to_anchor, to_agent = seen(place[None, :2], at[:, :2]), seen(at[:, :2], place[None, :2])
+    length = np.hypot(np.hypot(*to_anchor.T), place[3])
+    turned = (np.arctan2(to_agent[:, 1], to_agent[:, 0]), np.arctan2(to_anchor[:, 1], to_anchor[:, 0]))
+    return np.stack([length, turned[0] - place[2], turned[1] - bearing], -1)
+
+
+@given(SEEDS, st.booleans())
+@settings(max_examples=40, deadline=None)
+def test_what_derivatives_leave_out_of_a_bounce_equals_its_twin_and_is_what_samples_show(bounced, seed, high):
+    draw = np.random.default_rng(seed)
+    place = np.array([*draw.normal(size=2), draw.uniform(-3, 3), 0.2 * high])
+    mean = np.array([*(place[:2] + draw.uniform(2, 6, 2)), 0.0, 0.0, 0.3, 0.0, 0.0])
+    mean[5] = draw.uniform(-np.pi, np.pi)
+    normal = np.array([np.cos(mean[5]), np.sin(mean[5])])
+    mean[6] = max(normal @ place[:2], normal @ mean[:2]) + draw.uniform(0.1, 3)  # both on one side of it
+    root = np.diag([0.05, 0.05, 0.06, 0.05]) @ (np.eye(4) + 0.3 * draw.normal(size=(4, 4)))
+    covariance = root @ root.T
+    found = np.zeros((8, 7))
+    bounced(mean, covariance, place, found)
+    whole = np.zeros((7, 7))
+    whole[np.ix_([0, 1, 5, 6], [0, 1, 5, 6])] = covariance
+    more, spread = reference.bend_of_bounce(mean, whole, np.array([5, 6]), place, place[3])
+    np.testing.assert_allclose(found[0, :3], more, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(found[1:4, :3], spread, rtol=1e-4, atol=1e-12)
+
+    moved = (root @ draw.standard_normal((4, 40_000))).T
+    centre = mean[[0, 1, 5, 6]]
+    change = over_line(centre + moved, place, mean[4]) - over_line(centre[None], place, mean[4])
+    change[:, 1:] = wrap(change[:, 1:])
+    rest = change - moved @ found[5:8, :4].T
+    scale = np.sqrt(np.diag(spread))
+    np.testing.assert_allclose(rest.mean(0) / scale, more / scale, atol=0.15)
+    assert rest.std(0) / scale == pytest.approx(np.ones(3), abs=0.2)
+
+
+def test_a_line_close_to_its_anchor_bends_as_worked_out_by_hand(bounced):
+    """The anchor at the origin, a line 0.5 m behind it: turned by a, its image goes round a circle of 1 m."""
+    mean, covariance = np.array([-4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5]), np.zeros((4, 4))
+    covariance[2, 2] = 0.2**2
+    found = np.zeros((8, 7))
+    bounced(mean, covariance, np.zeros(4), found)
+    along = 4.0 / 5.0  # of 5 m, the image's circle of 1 m seen from the agent: -a^2 / 2 + a^2 / (2 * 5)
+    assert found[0, 0] == pytest.approx(-0.5 * along * 0.2**2, rel=1e-6)
+    assert found[1, 0] == pytest.approx(0.5 * (along * 0.2**2) ** 2, rel=1e-6)
+    assert not found[0, 1:3].any()
