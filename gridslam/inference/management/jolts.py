@@ -15,9 +15,12 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.health.monitor import SWAMPED
 from gridslam.inference.management.challenge import HANDICAP
+from gridslam.inference.management.poses.pose_recovery import crowd
 from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.messages.motion import predict_agent
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel, fixed
@@ -65,7 +68,7 @@ def stepped(
     """A step; taken again with room for a jolt where it looks like one, if that explains more, (M484)."""
     state, info = step(before, scan, model, work)
     jolt = ANY if info.found_again else likeliest(before, state, model)
-    if jolt == NONE:
+    if jolt == NONE or crowd(split_by_anchor(scan, model)) > SWAMPED:  # by chance, any motion fits some
         return state, info
     recovers, work.recovers = work.recovers, False
     again, other = step(before, scan, jolt.allowed(model), work)

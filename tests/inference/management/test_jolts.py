@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal, norm
 
 import gridslam as gs
 from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.health.monitor import SWAMPED
 from gridslam.inference.management import hypotheses, jolts
 from gridslam.inference.messages.motion import predict_agent
 from gridslam.inference.state.state import State
@@ -140,3 +141,19 @@ def test_an_agent_that_moves_as_told_takes_no_step_again(monkeypatch):
     for seed in (1, 2):
         gs.map_scene(scene, gs.simulate(scene, "agent1", seed), seed=seed)
     assert not taken
+
+
+@pytest.mark.parametrize(("loud", "steps"), [(SWAMPED, 2), (SWAMPED + 1, 1)])
+def test_where_an_anchor_is_heard_by_too_many_loud_paths_no_jolt_is_tried(robot, monkeypatch, loud, steps):
+    """By chance, any motion fits some of them."""
+    slam, draw, taken = gs.AdaptiveSlam(robot, seed=1), np.random.default_rng(1), []
+    monkeypatch.setattr(jolts, "likeliest", lambda *_: jolts.Jolt(16.0, 1.0))
+    angles = draw.uniform(-3, 3, (2, loud))
+    scan = gs.Scan(0, 0.0, np.zeros(loud, int), draw.uniform(1, 20, loud), *angles, np.full(loud, 20.0))
+
+    def step(state, scan, model, work):
+        taken.append(model.settings.acceleration_mps2)
+        return slam.advance(state, scan, model, work)
+
+    jolts.stepped(slam.state, scan, slam.model, slam.work, step)
+    assert len(taken) == steps
