@@ -179,8 +179,8 @@ def bend_of(slope, length, covariance: ti.template()):
 def bend_of_bounce(slope, length, place, angle, offset, block):
     """The same of a single bounce over a line, (M552).
 
-    `block` (4, 4) is the covariance of x, y and the line. The anchor's image bends with the line's angle, most
-    where the line runs close to the anchor: there one measurement hardly tells the angle.
+    `block` (4, 4) is the covariance of x, y and the line. The anchor's image runs on a circle with the line's
+    angle, which one measurement hardly tells where the line is close to the anchor.
     """
     mean, spread = ti.Vector.zero(ti.f64, 3), ti.Matrix.zero(ti.f64, 3, 3)
     across = ti.Vector([-slope[2, 0], -slope[2, 1]], dt=ti.f64)

@@ -1,5 +1,5 @@
 """The turn of agent and map about the only anchor, or the only one in sight, which nothing tells without
-departures; docs/model.md, (M493), (M494).
+departures; docs/model.md, (M493), (M494), (M553).
 
 Distances and arrivals stay the same when all turns together. A filter that linearises at estimates that
 move takes what they moved by for knowledge of the turn: it drifts, and is sure of it. So the turn is held
@@ -8,6 +8,7 @@ out of the belief while nothing tells it, and put back for whoever asks how sure
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace as changed
 from typing import TypeVar
 
@@ -66,7 +67,7 @@ def turn_of_all(
     for state in population.states:
         turning = there if state.turning is None else state.turning | there
         if state.turning is None or (turning != state.turning).any():
-            state = replace(with_turn(state, model.agents[0]), turn_variance=None, turning=turning)
+            state = replace(put_back(state, model.agents[0]), turn_variance=None, turning=turning)
         states.append(state)
     return _followed(changed(population, states=tuple(states)), told, model.agents[0], 0)
 
@@ -77,7 +78,7 @@ def _followed(
     if told and all(state.turn_variance is None for state in population.states):
         return population
     states = [
-        replace(with_turn(state, model), turn_variance=None) if told else without_turn(state, model, anchor)
+        replace(put_back(state, model), turn_variance=None) if told else without_turn(state, model, anchor)
         for state in population.states
     ]
     return changed(population, states=tuple(states))
@@ -95,7 +96,16 @@ def without_turn(state: Turning, model: FilterModel, anchor: int = 0) -> Turning
 
 
 def with_turn(state: Turning, model: FilterModel) -> Turning:
-    """The state with the turn in its belief, (M494): as sure as anybody may be of where things are."""
+    """The state for who asks how sure it is, (M494), (M553): the turn in its belief, and a ring's depth."""
+    if not state.turn_variance:
+        return state
+    place = model.places[state.turn_anchor, :2]
+    inwards = curvature(state.belief, place, _turning(state))
+    return _wider(put_back(state, model), inwards, shortened(state.turn_variance))
+
+
+def put_back(state: Turning, model: FilterModel) -> Turning:
+    """The state to go on from with the turn in its belief, (M494)."""
     if not state.turn_variance:
         return state
     place = model.places[state.turn_anchor, :2]
@@ -126,6 +136,23 @@ def direction(belief: Belief, place: Array, turning: NDArray[np.bool_] | None = 
     way[layout.angles] = 1.0
     way[layout.offsets] = unit(lines[:, 0] + 0.5 * np.pi) @ place
     return way
+
+
+def curvature(belief: Belief, place: Array, turning: NDArray[np.bool_] | None = None) -> Array:
+    """By how much these changes change, per rad, (N,): all runs on circles about the place."""
+    mean, lines, layout = belief.mean, belief.lines, belief.layout
+    inwards = np.zeros(len(mean))
+    for agent in range(layout.agents) if turning is None else np.flatnonzero(turning).tolist():
+        own, at = mean[layout.pose(agent)], layout.pose(agent).start
+        inwards[at : at + 2] = place - own[:2]
+        inwards[at + 2 : at + 4] = -own[2:4]
+    inwards[layout.offsets] = -unit(lines[:, 0]) @ place
+    return inwards
+
+
+def shortened(variance: float) -> float:
+    """Mean square of 1 - cos of a turn of this variance: how deep, in radii, its part of a circle is."""
+    return 1.0 - 2 * math.exp(-0.5 * variance) + 0.5 * (1 + math.exp(-2 * variance))
 
 
 def _turning(state: State | NetworkState) -> NDArray[np.bool_] | None:

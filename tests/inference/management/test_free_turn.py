@@ -11,7 +11,10 @@ import gridslam as gs
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.free_turn import (
     LEFT,
+    curvature,
     direction,
+    put_back,
+    shortened,
     turn_followed,
     turn_of_all,
     with_turn,
@@ -80,6 +83,35 @@ def test_direction_is_that_of_a_small_turn_of_everything(seed, place):
 
 
 @given(st.integers(0, 10_000), st.tuples(st.floats(-5, 5), st.floats(-5, 5)))
+def test_curvature_is_how_that_direction_turns_itself(seed, place):
+    draw, place = np.random.default_rng(seed), np.array(place)
+    mean, small = draw.normal(size=9), 1e-3
+    change = (turned(mean, place, small) - 2 * mean + turned(mean, place, -small)) / small**2
+    np.testing.assert_allclose(curvature(Belief(mean, np.eye(9)), place), change, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("turn_rad", "inwards"), [(0.01, 0.866e-4), (0.1, 8.63e-3), (0.3, 0.0751), (np.pi / np.sqrt(3), 1.056)]
+)
+def test_a_turn_leads_inwards_by_as_much_as_normal_draws_of_it_do(turn_rad, inwards):
+    """Root mean squares of 1 - cos; for small turns the root of 3 / 4 of their variance."""
+    drawn = 1 - np.cos(turn_rad * np.random.default_rng(1).standard_normal(400_000))
+    assert np.sqrt(shortened(turn_rad**2)) == pytest.approx(np.sqrt((drawn**2).mean()), rel=0.01)
+    assert np.sqrt(shortened(turn_rad**2)) == pytest.approx(inwards, rel=2e-3)
+
+
+def test_who_may_be_anywhere_on_a_ring_claims_what_the_ring_is_deep(model):
+    """10 degrees about an anchor 4 m away: 0.7 m to either side, 11 cm inwards."""
+    mean = np.zeros(5)
+    mean[:2] = model.places[0, :2] + np.array([4.0, 0.0])
+    state = replace(State.start(model), belief=Belief(mean, 1e-4 * np.eye(5)))
+    state = with_turn(replace(state, turn_variance=np.radians(10.0) ** 2, turn_anchor=0), model)
+    inwards, aside = np.sqrt(np.diag(state.belief.covariance)[:2])
+    assert aside == pytest.approx(4 * np.radians(10.0), rel=1e-3)
+    assert inwards == pytest.approx(np.hypot(0.01, 4 * np.sqrt(0.75) * np.radians(10.0) ** 2), rel=0.02)
+
+
+@given(st.integers(0, 10_000), st.tuples(st.floats(-5, 5), st.floats(-5, 5)))
 def test_several_agents_turn_together_and_their_clocks_stay(seed, place):
     draw, place = np.random.default_rng(seed), np.array(place)
     mean = draw.normal(size=2 * 6 + 1 + 4)  # two agents with clocks, an anchor's clock, two lines
@@ -119,7 +151,11 @@ def test_what_is_held_out_is_all_that_is_believed_about_the_turn(model, seed):
     assert left == pytest.approx(max(told, 1 / LEFT), rel=1e-3)
     assert np.linalg.eigvalsh(held.belief.covariance).min() > 0
     np.testing.assert_array_equal(held.belief.mean, state.belief.mean)
-    np.testing.assert_allclose(with_turn(held, model).belief.covariance, state.belief.covariance, atol=1e-9)
+    inwards = curvature(state.belief, model.places[0, :2])
+    ring = shortened(held.turn_variance) * np.outer(inwards, inwards)
+    back = put_back(held, model).belief.covariance
+    np.testing.assert_allclose(back, state.belief.covariance, atol=1e-9)
+    np.testing.assert_allclose(with_turn(held, model).belief.covariance, back + ring, atol=1e-12)
 
 
 def test_what_is_known_exactly_breaks_nothing(model):
