@@ -138,6 +138,21 @@ def direction(belief: Belief, place: Array, turning: NDArray[np.bool_] | None = 
     return way
 
 
+def off_ring(state: State, model: FilterModel) -> Belief:
+    """The belief without what an agent that goes round the anchor about which all turns may have gone.
+
+    Its place on the ring isn't told by that anchor either, as long as it hears nothing but the line of sight.
+    """
+    belief = state.belief
+    if state.turn_variance is None:
+        return belief
+    way = np.zeros(len(belief.mean))
+    x, y = belief.mean[:2] - model.places[state.turn_anchor, :2]
+    way[0], way[1], way[HEADING] = -y, x, 1.0
+    known = float(way @ solved(belief.covariance, way[:, None])[:, 0])
+    return replace(belief, covariance=belief.covariance - max(1 / known - LEFT, 0.0) * np.outer(way, way))
+
+
 def curvature(belief: Belief, place: Array, turning: NDArray[np.bool_] | None = None) -> Array:
     """By how much these changes change, per rad, (N,): all runs on circles about the place."""
     mean, lines, layout = belief.mean, belief.lines, belief.layout

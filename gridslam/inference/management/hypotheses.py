@@ -26,6 +26,7 @@ from gridslam.inference.management.challenge import (
     snapshot_of,
     watched,
 )
+from gridslam.inference.management.free_turn import off_ring
 from gridslam.inference.management.jolts import Step, stepped
 from gridslam.inference.management.mixture import CAP, reduce, together
 from gridslam.inference.management.poses.pose_fix import known_sources
@@ -168,7 +169,7 @@ def _listed(
 
     The vague belief stays beside them, at even odds, and is followed as it is.
     """
-    if len(population) > 1 or not is_vague(population.best.belief) or not tells_poses(model):
+    if len(population) > 1 or not is_vague(off_ring(population.best, model)) or not tells_poses(model):
         return population
     scans = work.once(split_by_anchor, scan, model)
     if crowd(scans):  # so much clutter looks like new walls from anywhere; known ones alone tell more
@@ -200,7 +201,7 @@ def _split(population: Population[State], scan: Scan, model: FilterModel) -> Pop
 
     if not len(scan):
         return population
-    spread = [widest(state.belief) for state in population.states]
+    spread = [widest(off_ring(state, model)) for state in population.states]
     if max(spread) <= TOO_WIDE * LEAST_WIDTH_M:
         return population
     width = linear_width(split_by_anchor(scan, model), model.radio)

@@ -13,6 +13,7 @@ from gridslam.inference.management.free_turn import (
     LEFT,
     curvature,
     direction,
+    off_ring,
     put_back,
     shortened,
     turn_followed,
@@ -20,6 +21,7 @@ from gridslam.inference.management.free_turn import (
     with_turn,
     without_turn,
 )
+from gridslam.inference.management.poses.pose_recovery import is_vague
 from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
@@ -109,6 +111,24 @@ def test_who_may_be_anywhere_on_a_ring_claims_what_the_ring_is_deep(model):
     inwards, aside = np.sqrt(np.diag(state.belief.covariance)[:2])
     assert aside == pytest.approx(4 * np.radians(10.0), rel=1e-3)
     assert inwards == pytest.approx(np.hypot(0.01, 4 * np.sqrt(0.75) * np.radians(10.0) ** 2), rel=0.02)
+
+
+def test_an_agent_that_may_have_gone_round_its_only_anchor_is_vague_on_a_ring_alone(model):
+    """0.5 rad round the anchor, 4 m away, are 2 m aside; 5 cm outwards stay, and so does what isn't held."""
+    mean, place = np.zeros(5), model.places[0, :2]
+    mean[:2] = place + np.array([4.0, 0.0])
+    way = np.array([0.0, 4.0, 0.0, 0.0, 1.0])
+    wide = np.diag([0.05**2, 1e-4, 0.01, 0.01, 1e-4]) + 0.5**2 * np.outer(way, way)
+    state = replace(State.start(model), belief=Belief(mean, wide))
+    assert off_ring(state, model) is state.belief
+    assert is_vague(state.belief)
+    rest = off_ring(replace(state, turn_variance=0.01, turn_anchor=0), model)
+    assert not is_vague(rest)
+    assert np.sqrt(rest.covariance[0, 0]) == pytest.approx(0.05, rel=1e-6)
+    assert np.sqrt(rest.covariance[1, 1]) < 0.05
+    assert np.linalg.eigvalsh(rest.covariance).min() > 0
+    lost = replace(state, belief=Belief(mean, wide + np.diag([4.0, 0, 0, 0, 0])), turn_variance=0.01)
+    assert is_vague(off_ring(replace(lost, turn_anchor=0), model)), "the anchor would tell how far it is"
 
 
 @given(st.integers(0, 10_000), st.tuples(st.floats(-5, 5), st.floats(-5, 5)))
