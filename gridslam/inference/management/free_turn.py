@@ -85,14 +85,19 @@ def _followed(
 
 
 def without_turn(state: Turning, model: FilterModel, anchor: int = 0) -> Turning:
-    """The state with what it believes about the turn about an anchor held out of its belief, (M493)."""
-    if state.turn_variance is not None:
+    """The state with what it believes about the turn about an anchor held out of its belief, (M493), (M555).
+
+    Once walls are mapped they keep it; until then an agent that goes on turns all there is.
+    """
+    belief, before = state.belief, state.turn_variance
+    if before is not None and (len(belief.lines) or anchor != state.turn_anchor):
         return state
-    belief = state.belief
     way = direction(belief, model.places[anchor, :2], _turning(state))
     known = float(way @ solved(belief.covariance, way[:, None])[:, 0])
     held = max(1 / known - LEFT, 0.0)
-    return replace(_wider(state, way, -held), turn_variance=held, turn_anchor=anchor)
+    if before is not None and held <= LEFT:  # nothing has come since
+        return state
+    return replace(_wider(state, way, -held), turn_variance=held + (before or 0.0), turn_anchor=anchor)
 
 
 def with_turn(state: Turning, model: FilterModel) -> Turning:

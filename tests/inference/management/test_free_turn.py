@@ -178,6 +178,25 @@ def test_what_is_held_out_is_all_that_is_believed_about_the_turn(model, seed):
     np.testing.assert_allclose(with_turn(held, model).belief.covariance, back + ring, atol=1e-12)
 
 
+def test_an_agent_that_goes_on_before_anything_is_mapped_turns_all_there_is(model):
+    """What it may have gone round its anchor since is the turn's, too, until it has walls."""
+    mean, place = np.zeros(5), model.places[0, :2]
+    mean[:2] = place + np.array([4.0, 0.0])
+    state = replace(State.start(model), belief=Belief(mean, np.diag([0.05**2, 1e-3, 1e-4, 1e-4, 0.01])))
+    held = without_turn(state, model)
+    way = direction(held.belief, place)
+    gone = replace(held.belief, covariance=held.belief.covariance + 0.04 * np.outer(way, way))
+    later = without_turn(held.believing(gone), model)
+    assert later.turn_variance == pytest.approx(held.turn_variance + 0.04, rel=1e-6)
+    np.testing.assert_allclose(later.belief.covariance, held.belief.covariance, atol=1e-9)
+    np.testing.assert_allclose(
+        put_back(later, model).belief.covariance, put_back(held.believing(gone), model).belief.covariance,
+        atol=1e-9,
+    )  # fmt: skip
+    walled = without_turn(drawn_state(model, 4), model)
+    assert without_turn(walled, model) is walled
+
+
 def test_what_is_known_exactly_breaks_nothing(model):
     """A wall without any doubt, as a map may hand it down: the covariance has no inverse, all stays."""
     state = drawn_state(model, 2)
