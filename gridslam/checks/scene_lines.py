@@ -17,6 +17,8 @@ MUCH = 10.0
 """Times the region's greater side by which no wall reaches out of it."""
 UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
 """In which walls may be drawn, m."""
+FAR_M = 10.0
+"""Gap between origin and region from which on fewer surfaces are found; what was measured is in the README."""
 MOST_NAMED = 12
 """Anchors up to which each is said of how often it is in sight."""
 
@@ -34,7 +36,7 @@ def scene_lines(scene: Scene) -> list[str]:
     counts = f"{counted(len(scene.anchors), 'anchor')}, {walls}, {counted(len(scene.agents), 'agent')}"
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
     lines += [f"suspect: {found}" for found in implausible_radio(scene)]
-    lines += _beyond(scene)
+    lines += far_off(scene) + _beyond(scene)
     lines += [f"note: {found}" for found in [hidden_note(scene)] if found]
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
@@ -61,6 +63,20 @@ def hidden_note(scene: Scene) -> str | None:
         f"anchor{'s' * (len(hidden) > 1)} {named}{rest}: hidden by walls from all steps of all agents' ways. "
         "If that isn't meant, see positions, walls and waypoints_m: gridslam scene draw"
     )
+
+
+def far_off(scene: Scene) -> list[str]:
+    """That the region is far from the origin, about which lines are believed; docs/conventions.md."""
+    sides = np.array([scene.grid.x_m, scene.grid.y_m])
+    gap = float(np.hypot(*np.maximum(np.maximum(sides[:, 0], -sides[:, 1]), 0.0)))
+    if gap <= FAR_M:
+        return []
+    x, y = np.round(sides.mean(1))
+    return [
+        f"suspect: the region lies {gap:.0f} m from the origin (0, 0), about which surfaces are reckoned: "
+        "the farther, the fewer are found and, without AoD, the worse places are. "
+        f"Subtract ({x:g}, {y:g}) m from all positions"
+    ]
 
 
 def implausible_radio(scene: Scene) -> list[str]:

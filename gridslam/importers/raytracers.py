@@ -187,7 +187,7 @@ def plane_table(
     with np.errstate(invalid="ignore"):
         usable = (slope <= np.radians(steepest)) & (paths.delay_s > 0) & (amplitude > least)
         usable &= _in_space(paths, length, scene.verticals(agent)) if scene.has_heights else paths.planar
-    usable &= ~repeated(paths.delay_s, paths.angles_rad)
+    usable &= ~repeated(paths.delay_s, paths.angles_rad, paths.gain)
     columns = {
         "distance_m": length if scene.has_heights else length * np.cos(slope),
         "aod_rad": wrap(paths.departure_rad - scene.anchor_orientations[:, None]),

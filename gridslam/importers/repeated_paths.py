@@ -20,19 +20,23 @@ SAME_M, SAME_RAD = 1e-4, 1e-3
 of 84 traced rooms, no others are closer than 4 mm and 22 mrad."""
 
 
-def repeated(delay_s: Array, angles_rad: Sequence[Array]) -> NDArray[np.bool_]:
-    """Which paths are the same as one listed before them, (..., L).
+def repeated(delay_s: Array, angles_rad: Sequence[Array], gain: Array) -> NDArray[np.bool_]:
+    """Which paths are the same as a louder one, or as one as loud that is listed before them, (..., L).
 
     Parameters
     ----------
     delay_s : (..., L) s
-        NaN where there is no path.
+        NaN, or not above 0, where there is no path.
     angles_rad : sequence of (..., L) rad
         At both ends, azimuths and angles from the vertical.
+    gain : (..., L)
+        Magnitudes: where walls in one plane are of different materials, one of the paths isn't there.
     """
-    order = np.argsort(delay_s, axis=-1, kind="stable")
-    length, *angles = (np.take_along_axis(one, order, -1) for one in (SPEED_OF_LIGHT * delay_s, *angles_rad))
-    later = np.zeros(delay_s.shape, bool)
+    with np.errstate(invalid="ignore"):
+        length = np.where(delay_s > 0, SPEED_OF_LIGHT * delay_s, np.nan)
+    order = np.argsort(length, axis=-1, kind="stable")
+    length, loud, *angles = (np.take_along_axis(one, order, -1) for one in (length, gain, *angles_rad))
+    fainter = np.zeros(delay_s.shape, bool)
     for ahead in range(1, delay_s.shape[-1]):  # others may be as long, and lie between
         with np.errstate(invalid="ignore"):
             same = length[..., ahead:] - length[..., :-ahead] < SAME_M
@@ -40,9 +44,11 @@ def repeated(delay_s: Array, angles_rad: Sequence[Array]) -> NDArray[np.bool_]:
                 break
             for one in angles:
                 same &= np.abs(wrap(one[..., ahead:] - one[..., :-ahead])) < SAME_RAD
-        behind = order[..., ahead:] > order[..., :-ahead]
-        later[..., ahead:] |= same & behind
-        later[..., :-ahead] |= same & ~behind
-    found = np.empty_like(later)
-    np.put_along_axis(found, order, later, -1)
+            behind = order[..., ahead:] > order[..., :-ahead]
+            less = loud[..., ahead:] < loud[..., :-ahead]
+            less |= behind & (loud[..., ahead:] == loud[..., :-ahead])
+        fainter[..., ahead:] |= same & less
+        fainter[..., :-ahead] |= same & ~less
+    found = np.empty_like(fainter)
+    np.put_along_axis(found, order, fainter, -1)
     return found

@@ -140,7 +140,8 @@ class _Part:
         require_seconds(columns["tau"][valid], scene)
         require_whole(columns | {"a": self.gain}, valid)
         delay_s = np.where(valid & (columns["tau"] > 0), columns["tau"], np.nan)
-        self.there = np.isfinite(delay_s) & ~repeated(delay_s, [columns[name] for name in ANGLES])
+        again = repeated(delay_s, [columns[name] for name in ANGLES], np.abs(self.gain))
+        self.there = np.isfinite(delay_s) & ~again
         self.columns = columns
 
     def of(self, step: int, anchor: int, turn: float, heading: float) -> tuple[Complex, Array, Array, Array]:

@@ -107,6 +107,8 @@ def bend_of_bounce(
     rows = [0, 1, *line]
     block = covariance[np.ix_(rows, rows)]
     level, width = np.linalg.norm(away), np.sqrt((first @ block @ first.T).trace())
+    if level == 0:
+        return np.zeros(3), np.zeros((3, 3))
     length, (x, y) = np.hypot(level, height), away / level
     by_length = (np.eye(2) - np.outer(away, away) / length**2) / max(length, width)
     by_angle = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / max(level, width) ** 2

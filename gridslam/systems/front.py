@@ -17,7 +17,7 @@ from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.management.early_arrivals import watched_arrivals
 from gridslam.inference.management.features.left_features import left_features
 from gridslam.inference.management.features.surface_features import mirror_surfaces
-from gridslam.inference.management.free_turn import all_with_turn, with_turn
+from gridslam.inference.management.free_turn import all_with_turn, put_back
 from gridslam.inference.management.hypotheses import advance, begun
 from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
@@ -115,7 +115,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and what was handed down or is left over."""
-        state = unparked(with_turn(self.state, self.model))
+        state = unparked(put_back(self.state, self.model))  # without the ring's depth: it hangs together
         table = surface_estimate(state, work=self.work)
         found = detected(table.existence, self.model.settings)
         joint = lines_covariance(state.belief, found)

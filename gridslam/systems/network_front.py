@@ -11,7 +11,7 @@ import numpy as np
 from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
 from gridslam.inference.beliefs.belief import lines_covariance
-from gridslam.inference.management.free_turn import turn_of_all, with_turn
+from gridslam.inference.management.free_turn import put_back, turn_of_all
 from gridslam.inference.management.network.clock_rivals import advance
 from gridslam.inference.management.network.readout import CONFIRMED, network_estimate
 from gridslam.inference.management.readout import surface_estimate
@@ -143,7 +143,7 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and a grid of which nothing was observed."""
-        state = with_turn(self.state, self.model.agents[0])
+        state = put_back(self.state, self.model.agents[0])
         table = surface_estimate(state.part(0), work=self.work[0])
         found = detected(table.existence, self.model.settings) & (state.surfaces.seen >= CONFIRMED)
         joint = lines_covariance(state.belief, found)

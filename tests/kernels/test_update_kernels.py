@@ -261,3 +261,16 @@ def test_a_line_close_to_its_anchor_bends_as_worked_out_by_hand(bounced):
     assert found[0, 0] == pytest.approx(-0.5 * along * 0.2**2, rel=1e-6)
     assert found[1, 0] == pytest.approx(0.5 * (along * 0.2**2) ** 2, rel=1e-6)
     assert not found[0, 1:3].any()
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.02, 0.2])
+def test_beside_the_image_of_its_anchor_a_bounce_bends_no_more_than_its_spread_allows(bounced, gap):
+    """Nearer than the spread the series says nothing; at the very place no derivative has a direction."""
+    mean, covariance = np.array([1.0 - gap, 0.0, 0.0, 0.0, 0.3, 0.0, 0.5]), 0.01 * np.eye(4)
+    found, whole = np.full((8, 7), np.nan), np.zeros((7, 7))
+    whole[np.ix_([0, 1, 5, 6], [0, 1, 5, 6])] = covariance
+    bounced(mean, covariance, np.zeros(4), found)
+    more, spread = reference.bend_of_bounce(mean, whole, np.array([5, 6]), np.zeros(4), 0.0)
+    np.testing.assert_allclose(found[0, :3], more, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(found[1:4, :3], spread, rtol=1e-4, atol=1e-12)
+    assert np.isfinite(found[:4, :3]).all()

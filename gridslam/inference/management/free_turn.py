@@ -146,10 +146,10 @@ def direction(belief: Belief, place: Array, turning: NDArray[np.bool_] | None = 
 def off_ring(state: State, model: FilterModel) -> Belief:
     """The belief without what an agent that goes round the anchor about which all turns may have gone.
 
-    Its place on the ring isn't told by that anchor either, as long as it hears nothing but the line of sight.
+    Its place on the ring isn't told by that anchor's line of sight either.
     """
     belief = state.belief
-    if state.turn_variance is None:
+    if not state.turn_variance:  # or walls of an earlier map tell it
         return belief
     way = np.zeros(len(belief.mean))
     x, y = belief.mean[:2] - model.places[state.turn_anchor, :2]

@@ -21,10 +21,12 @@ from gridslam.inference.management.free_turn import (
     with_turn,
     without_turn,
 )
+from gridslam.inference.management.hypotheses import advance
 from gridslam.inference.management.poses.pose_recovery import is_vague
 from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
+from gridslam.systems.grid import start
 from gridslam.world.geometry import mirror, unit, wrap
 from gridslam.world.network_scan import NetworkScan
 from gridslam.world.start import assumed_start
@@ -314,6 +316,11 @@ def test_who_was_not_there_yet_is_not_turned(lone_anchor):
     changed = alone.best.belief.covariance - before.best.belief.covariance
     assert alone.best.turn_variance > 0
     assert not changed[pose].any()
+    shown, gone_on = (
+        one(alone.best, slam.model.agents[0]).belief.covariance for one in (with_turn, put_back)
+    )
+    assert not (shown - gone_on)[pose].any()
+    assert (shown - gone_on)[before.best.belief.layout.pose(0)].any()
     assert changed[before.best.belief.layout.pose(0)].any()
     assert turn_of_all(alone, NetworkScan(1, 1.0, (own, None)), slam.model).best is alone.best
     both = turn_of_all(alone, NetworkScan(1, 1.0, (own, own)), slam.model).best
@@ -321,3 +328,37 @@ def test_who_was_not_there_yet_is_not_turned(lone_anchor):
     assert both.turn_variance == pytest.approx(at_once.turn_variance)
     np.testing.assert_allclose(both.belief.covariance, at_once.belief.covariance, atol=1e-9)
     assert both.turning.all()
+
+
+@pytest.mark.parametrize("wide", ["round the anchor", "anywhere", "turned by a map"])
+def test_places_on_one_ring_are_neither_listed_nor_split(lone_anchor, wide):
+    slam, table = gs.GridSlam(lone_anchor, seed=1), list(heard(lone_anchor, 3))
+    for scan in table[:8]:
+        slam.step(scan)
+    belief = slam.state.belief
+    x, y = belief.mean[:2] - slam.model.places[0, :2]
+    way, more = np.zeros(len(belief.mean)), np.zeros_like(belief.covariance)
+    way[[0, 1, 4]] = -y, x, 1.0
+    more[:2, :2] = 0.25 * np.eye(2)
+    about = (0.7 / np.hypot(x, y)) ** 2 * np.outer(way, way)
+    wider = belief.covariance + (more if wide == "anywhere" else about)
+    state = slam.state.believing(replace(belief, covariance=wider))
+    if wide == "turned by a map":
+        state = replace(state, turn_variance=0.0)
+    after, _ = advance(Population.of(state), table[8], slam.model, slam.work, start, slam.advance)
+    assert (len(after) > 1) is (wide != "round the anchor")
+
+
+def test_a_map_is_handed_on_without_the_depth_of_the_ring(lone_anchor):
+    """Its walls lie on the ring together: as a doubt of each alone it would keep them from telling places."""
+    slam = gs.AdaptiveSlam(lone_anchor, seed=1)
+    for scan in list(heard(lone_anchor, 4))[:20]:
+        slam.step(scan)
+    lines = np.concatenate([slam.state.belief.layout.line(k) for k in range(len(slam.state.surfaces))])
+    known, shown = (
+        one(slam.state, slam.model).belief.covariance[np.ix_(lines, lines)] for one in (put_back, with_turn)
+    )
+    handed = slam.map().surface_covariance
+    assert len(handed) == len(known)
+    np.testing.assert_allclose(handed, known, atol=1e-12)
+    assert np.abs(shown - known).max() > 1e-9

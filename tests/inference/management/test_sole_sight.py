@@ -194,3 +194,13 @@ def test_loudness_says_nothing_where_a_line_of_sight_leaves_places_open():
     state = started(two_rooms(4)).state
     assert measured(state, FIRST, 1.0, ("distance", "aoa", "amplitude"))[0] == 0.0
     assert measured(state, FIRST, np.nan)[0] == 0.0
+
+
+def test_loudness_is_asked_only_where_all_of_it_was_measured():
+    scene = two_rooms(4, ("distance", "aod", "aoa", "amplitude"))
+    slam, scan = started(scene), next(iter(gs.simulate(scene, "cart", seed=3)))
+    assert for_sights(slam.state, scan, slam.model, slam.work) != 0.0
+    slam.work.begin()
+    faintest = np.arange(len(scan)) == np.argmin(scan.amplitude)
+    partly = replace(scan, amplitude=np.where(faintest, np.nan, scan.amplitude))
+    assert for_sights(slam.state, partly, slam.model, slam.work) == 0.0
