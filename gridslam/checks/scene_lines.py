@@ -18,7 +18,7 @@ MUCH = 10.0
 UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
 """In which walls may be drawn, m."""
 FAR_M = 10.0
-"""Gap between origin and region from which on fewer surfaces are found; what was measured is in the README."""
+"""Gap between origin and region from which on fewer surfaces are found, see README."""
 MOST_NAMED = 12
 """Anchors up to which each is said of how often it is in sight."""
 
