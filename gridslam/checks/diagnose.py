@@ -93,7 +93,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     lines += elevations.remarks(columns, scene, agent)
     refused = [item for item in found if item.kind == "missing"]  # by `run`, too
     lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
-    lines += far_off(scene) if scene is not None else []
+    lines += [f"note: {found}" for found in (far_off(scene) if scene is not None else [])]
     for line in (repeats_line(columns), time_units.strides_line(columns["step"])):
         lines += [f"suspect: {line}"] if line else []
     try:

@@ -115,7 +115,7 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
             "refuses it; give it a column anchor, or take --method network or network_grid, which need none"
         )
     if scene is not None:
-        lines += far_off(scene)
+        lines += [f"note: {found}" for found in far_off(scene)]
         absent = [
             body.name for body in scene.agents if body.present_s and body.name not in measurements.agents
         ]

@@ -17,6 +17,8 @@ MUCH = 10.0
 """Times the region's greater side by which no wall reaches out of it."""
 UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
 """In which walls may be drawn, m."""
+ABOUT_MIDDLE = ("grid", "adaptive", "va")
+"""Methods that reckon about the middle of regions that don't hold the origin."""
 FAR_M = 10.0
 """Gap between origin and region from which on fewer surfaces are found, see README."""
 MOST_NAMED = 12
@@ -36,7 +38,7 @@ def scene_lines(scene: Scene) -> list[str]:
     counts = f"{counted(len(scene.anchors), 'anchor')}, {walls}, {counted(len(scene.agents), 'agent')}"
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
     lines += [f"suspect: {found}" for found in implausible_radio(scene)]
-    lines += far_off(scene) + _beyond(scene)
+    lines += [f"note: {found}" for found in far_off(scene)] + _beyond(scene)
     lines += [f"note: {found}" for found in [hidden_note(scene)] if found]
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
@@ -65,16 +67,22 @@ def hidden_note(scene: Scene) -> str | None:
     )
 
 
-def far_off(scene: Scene) -> list[str]:
-    """That the region is far from the origin, about which lines are believed; docs/conventions.md."""
+def far_off(scene: Scene, method: str | None = None) -> list[str]:
+    """That the region is far from the origin, about which most methods reckon; docs/model.md, (M556).
+
+    Parameters
+    ----------
+    method : str, optional
+        Asked for; default: any.
+    """
     sides = np.array([scene.grid.x_m, scene.grid.y_m])
     gap = float(np.hypot(*np.maximum(np.maximum(sides[:, 0], -sides[:, 1]), 0.0)))
-    if gap <= FAR_M:
+    if gap <= FAR_M or method in ABOUT_MIDDLE:
         return []
     x, y = np.round(sides.mean(1))
     return [
-        f"suspect: the region lies {gap:.0f} m from the origin (0, 0), about which surfaces are reckoned: "
-        "the farther, the fewer are found and, without AoD, the worse places are. "
+        f"the region lies {gap:.0f} m from the origin (0, 0). {', '.join(ABOUT_MIDDLE)} reckon about its "
+        "middle, other methods about the origin: the farther, the fewer surfaces they find. "
         f"Subtract ({x:g}, {y:g}) m from all positions"
     ]
 

@@ -97,7 +97,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         if not self.finds_heights or asked == "particles":
             scene.require_known_heights(f"{self.method} by particles" if self.finds_heights else self.method)
         self.scene, self.seed = scene, seed
-        self.model = self._model(scene.filter_model(agent))
+        self.model = self._model(self._about_middle(scene.filter_model(agent)))
         self.agent = self.model.agent
         self.work = self._workspace()
         prior = None
@@ -106,6 +106,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         if prior is not None and (prior.lost or not self.uses_maps):
             prior = None
         self.provenance = _provenance(prior)
+        prior = None if prior is None else self._from_afar(prior)
         self.inherited = None if prior is None else self._inherited(prior)
         begun = self._begun(self.start(self.model, prior))
         self.now = Moment(begun, Identity.of(scene.anchor_positions))
@@ -152,6 +153,18 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     def _inherited(self, prior: Map) -> Map | None:
         """What of an earlier agent's map no state holds, but goes into the map that is made."""
         return None
+
+    def _about_middle(self, model: FilterModel) -> FilterModel:
+        """The model in the coordinates that the system reckons in, see `gridslam.systems.far_regions`."""
+        return model
+
+    def _from_afar(self, prior: Map) -> Map:
+        """An earlier map in these coordinates."""
+        return prior
+
+    def _nearer(self, position_m: Array) -> Array:
+        """A place (2,) in these coordinates."""
+        return position_m
 
     def _model(self, model: FilterModel) -> Any:
         """What the system takes of the model."""
@@ -213,7 +226,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
         if not np.isfinite(pose).all():
             raise InputError("start", str(pose.tolist()), "finite numbers")
-        moved = self._begun(self.moved(state, pose[:2], float(pose[2])))
+        moved = self._begun(self.moved(state, self._nearer(pose[:2]), float(pose[2])))
         self.now = self.now._replace(believed=moved)
 
     def step(self, scan: Observed) -> Estimate:

@@ -34,6 +34,7 @@ from gridslam.inference.state.surface_bank import FRESH_SINGLE, SETTLED
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
+from gridslam.systems.far_regions import about, middle_of, moved_estimate, moved_map
 from gridslam.systems.filter_front import FilterFront, Moment, require_paths
 from gridslam.systems.soundness import require_sound_population
 from gridslam.world.filter_model import FilterModel, detected
@@ -189,6 +190,24 @@ class SurfaceFilter(SurfaceFront[Scan]):
         require_scene(scene)
         require_known_clocks(scene, agent)
         super().__init__(scene, prior_map, agent, seed, same_frame)
+
+    def _about_middle(self, model: FilterModel) -> FilterModel:
+        return about(model, middle_of(model.grid))
+
+    def _from_afar(self, prior: Map) -> Map:
+        return moved_map(prior, -self.model.origin_m)
+
+    def _nearer(self, position_m: Array) -> Array:
+        near: Array = position_m - self.model.origin_m
+        return near
+
+    def estimate(self, believed: Population[State], scan: Scan, info: StepInfo, began: float) -> Estimate:
+        """The same in the scene's coordinates."""
+        return moved_estimate(super().estimate(believed, scan, info, began), self.model.origin_m)
+
+    def map(self) -> Map:
+        """The map as it stands, in the scene's coordinates."""
+        return moved_map(super().map(), self.model.origin_m)
 
     def _checked(self, scan: Scan, after: float | None) -> Scan:
         require_paths(scan, self)

@@ -55,6 +55,8 @@ class FilterModel:
         Prior beliefs about coefficients of floor and ceiling; see `levels.Verticals.coefficient`.
     level_names : tuple of str
         What the levels are: "floor", "ceiling".
+    origin_m : (2,) float64
+        Where the origin of all positions lies in the scene, m.
     """
 
     scene: str
@@ -73,6 +75,7 @@ class FilterModel:
     higher: Array
     level_prior: Array | None = field(default=None, kw_only=True)
     level_names: tuple[str, ...] = field(default=(), kw_only=True)
+    origin_m: Array = field(default_factory=lambda: fixed(np.zeros(2)), kw_only=True)
 
     @property
     def senders(self) -> int:

@@ -92,5 +92,14 @@ def test_a_region_far_from_the_origin_is_named(x_m, y_m, says):
     assert all(says in line for line in lines)
 
 
+@pytest.mark.parametrize(
+    ("method", "told"), [("network", 1), ("direct", 1), ("grid", 0), ("adaptive", 0), ("va", 0)]
+)
+def test_methods_that_reckon_about_the_middle_mind_no_distance(method, told):
+    scene = gs.Scene.load("room")
+    far = scene.grid.model_copy(update={"x_m": (90.0, 100.0), "y_m": (0.0, 8.0)})
+    assert len(far_off(scene.model_copy(update={"grid": far}), method)) == told
+
+
 def test_bundled_scenes_hold_the_origin():
     assert not any(far_off(gs.Scene.load(name)) for name in SCENES)

@@ -209,7 +209,7 @@ def words(found: Sequence[Fit], model: FilterModel) -> str:
         return ""
     anchors, best = model.senders, found[0]
     shifts = [fit for fit in found if fit.thing.is_shift]
-    places = [model.places[fit.thing.anchor(anchors), :2] + fit.size for fit in shifts]
+    places = [model.places[fit.thing.anchor(anchors), :2] + model.origin_m + fit.size for fit in shifts]
     names = [model.anchor_names[fit.thing.anchor(anchors)] for fit in shifts]
     elsewhere = reasons.shifted(names, places) if len(shifts) <= MOST_NAMED else reasons.ONE_ELSEWHERE
     far = any(math.hypot(*fit.size) >= LEAST_SHIFT_M for fit in shifts)
