@@ -28,9 +28,10 @@ from gridslam.evaluation.path_slopes import (
     whitened_jacobian,
     with_elevations,
 )
+from gridslam.evaluation.surface_truth import middle_of
 from gridslam.inference.beliefs.layout import AGENT
 from gridslam.simulation.image_source import TruePaths, true_paths
-from gridslam.world.geometry import sfv_covariance
+from gridslam.world.geometry import moved_lines, sfv_covariance
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
@@ -170,7 +171,7 @@ def unknown_map_bound(
         own = AGENT + (2 * np.searchsorted(surface, before.surface)[:, None] + np.arange(2)).ravel()
         information[np.ix_(own, own)] = before.information
 
-    feet, bounds = np.zeros(len(surface)), []
+    feet, bounds, middle = np.zeros(len(surface)), [], middle_of(scene.segments())
     surface_m = np.full((len(gained), len(surface)), np.inf)
     for step in range(len(gained)):
         if step:
@@ -182,7 +183,8 @@ def unknown_map_bound(
         blocks = AGENT + 2 * np.arange(len(surface))[:, None] + np.arange(2)
         own_covariance = covariance[blocks[:, :, None], blocks[:, None, :]]
         known = np.isfinite(own_covariance).all((1, 2))
-        spread = sfv_covariance(line[known], own_covariance[known])
+        near, slope = moved_lines(line[known], -middle)
+        spread = sfv_covariance(near, slope @ own_covariance[known] @ slope.transpose(0, 2, 1))
         surface_m[step, known] = np.sqrt(np.trace(spread, axis1=1, axis2=2))
         follow_hits(feet, scene, paths.at(step), surface, line)
     lines = np.arange(AGENT, AGENT + 2 * len(surface))

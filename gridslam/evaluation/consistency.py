@@ -159,7 +159,7 @@ def follow(estimates: Sequence[Estimate], scene: Scene, truth: Truth, earlier: S
         owner = estimate.paths.anchor[believed]
         rays[:, step] = np.bincount(owner, minlength=len(rays))
         belief[:, step] = np.bincount(owner, chance[believed], len(rays))
-        apart[:, step] = assigned_error(found[step].sfv_m, audible.feature)
+        apart[:, step] = assigned_error(audible.vectors(found[step]), audible.feature)
         held = estimate.paths.take(believed)
         there = truth.paths.at(step)
         if scene.clocks is not None or scene.has_heights:  # distances hold offsets and heights, places don't

@@ -13,10 +13,12 @@ from gridslam.arrays import Array
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, gospa, ospa
 from gridslam.simulation.image_source import Truth
-from gridslam.world.geometry import line_through, sfv
+from gridslam.world.geometry import Segments, line_through, moved_lines, sfv
 
 MATCHED_M = 0.5
 """Distance of feature vectors within which a surface that was found is a true one."""
+FAR_M = 10.0
+"""Gap between the origin and all walls from which on feature vectors aren't taken from it."""
 NEVER = np.iinfo(np.intp).max
 
 
@@ -37,12 +39,15 @@ class AudibleSurfaces:
         First step at which a path of each anchor hits the surface; `NEVER` if none does.
     every : (W, 2) float64, m
         Feature vectors of all surfaces of the world, those that no path hits, too.
+    middle : (2,) float64, m
+        About where feature vectors are taken, see `middle_of`.
     """
 
     feature: Array
     curve: NDArray[np.intp]
     since: NDArray[np.intp]
     every: Array
+    middle: Array
 
     @classmethod
     def of(cls, truth: Truth, earlier: Sequence[Truth] = ()) -> Self:
@@ -62,8 +67,14 @@ class AudibleSurfaces:
         np.minimum.at(curve, walls.surface, walls.curve)  # a facet in line with a straight wall is part of it
         hit = np.flatnonzero((first < NEVER).any(1))
         number, piece = np.unique(walls.surface, return_index=True)
-        feature = sfv(line_through(walls.start[piece], walls.end[piece]))
-        return cls(feature[np.searchsorted(number, hit)], curve[hit], first[hit], feature)
+        middle = middle_of(walls)
+        line, _ = moved_lines(line_through(walls.start[piece], walls.end[piece]), -middle)
+        feature = sfv(line)
+        return cls(feature[np.searchsorted(number, hit)], curve[hit], first[hit], feature, middle)
+
+    def vectors(self, found: SurfaceEstimate) -> Array:
+        """Feature vectors (F, 2) of found surfaces about the same place, m."""
+        return found.sfv_m if not self.middle.any() else sfv(moved_lines(found.line, -self.middle)[0])
 
     @property
     def first(self) -> NDArray[np.intp]:
@@ -95,20 +106,20 @@ class AudibleSurfaces:
         """A distance of found surfaces from those there at a step, m."""
         there = self.since <= step
         if not (found.owner >= 0).any():
-            return self._distance(metric, found.sfv_m, np.asarray(there.any(1)))
+            return self._distance(metric, self.vectors(found), np.asarray(there.any(1)))
         each = []
         for anchor in np.union1d(np.arange(there.shape[1]), found.owner[found.owner >= 0]):
             own = there[:, anchor] if anchor < there.shape[1] else np.zeros(len(there), bool)
             mine = (found.owner == anchor) | (found.owner < 0)
             if own.any() or mine.any():
-                each.append(self._distance(metric, found.sfv_m[mine], own))
+                each.append(self._distance(metric, self.vectors(found)[mine], own))
         return float(np.mean(each))
 
     def matched(self, found: SurfaceEstimate) -> int:
         """How many of them some found surface lies at, one for each: within 0.5 m as feature vectors."""
         from scipy.optimize import linear_sum_assignment
 
-        distance = np.linalg.norm(found.sfv_m[:, None] - self.feature, axis=-1)
+        distance = np.linalg.norm(self.vectors(found)[:, None] - self.feature, axis=-1)
         which, whom = linear_sum_assignment(np.minimum(distance, OSPA_CUTOFF_M))
         there = self.curve[whom[distance[which, whom] < MATCHED_M]]
         return int((there < 0).sum() + len(np.unique(there[there >= 0])))
@@ -118,7 +129,7 @@ class AudibleSurfaces:
 
         That of an earlier agent's map may be one that no path of this world's agents hits.
         """
-        distance = np.linalg.norm(found.sfv_m[:, None] - self.every, axis=-1)
+        distance = np.linalg.norm(self.vectors(found)[:, None] - self.every, axis=-1)
         return np.asarray(distance.min(1, initial=np.inf) >= MATCHED_M)
 
     def _distance(self, metric: Callable[..., float], found: Array, there: NDArray[np.bool_]) -> float:
@@ -133,6 +144,19 @@ class AudibleSurfaces:
         for wall in np.setdiff1d(curve, curve[wanted]):
             wanted[np.argmax(curve == wall)] = True  # missed: once
         return metric(found, feature[wanted], OSPA_CUTOFF_M, 1.0)
+
+
+def middle_of(walls: Segments) -> Array:
+    """About where feature vectors are compared, (2,) m: the origin, or the walls' middle if that is far off.
+
+    They are twice as far from the origin as their lines: beside it, half a metre is no angle at all.
+    """
+    ends = np.concatenate([walls.start, walls.end])
+    if not len(ends):
+        return np.zeros(2)
+    low, high = ends.min(0), ends.max(0)
+    gap = np.hypot(*np.maximum(np.maximum(low, -high), 0.0))
+    return np.round(0.5 * (low + high)) if gap > FAR_M else np.zeros(2)
 
 
 def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) -> Array:

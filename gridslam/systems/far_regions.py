@@ -15,7 +15,7 @@ from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import unit, wrap
+from gridslam.world.geometry import moved_lines, wrap
 from gridslam.world.scene_parts import GridSpec
 
 
@@ -48,13 +48,10 @@ def moved_surfaces(table: SurfaceEstimate, by: Array) -> tuple[SurfaceEstimate, 
 
     Offsets are 0 or more before and after: a line that the origin changes the side of is turned over.
     """
-    angle, offset = table.line.T
-    along = unit(angle + 0.5 * np.pi) @ by
-    beyond = offset + unit(angle) @ by
-    sense = np.where(beyond < 0, -1.0, 1.0)
-    slope = np.zeros((len(table), 2, 2))
-    slope[:, 0, 0], slope[:, 1, 0], slope[:, 1, 1] = 1.0, sense * along, sense
-    line = np.column_stack([np.where(sense < 0, wrap(angle + np.pi), angle), sense * beyond])
+    line, slope = moved_lines(table.line, by)
+    along, sense = slope[:, 1, 0].copy(), np.where(line[:, 1] < 0, -1.0, 1.0)
+    slope[:, 1] *= sense[:, None]
+    line = np.column_stack([np.where(sense < 0, wrap(line[:, 0] + np.pi), line[:, 0]), sense * line[:, 1]])
     stretch = table.extent_m + along[:, None]
     stretch = np.where(sense[:, None] < 0, -stretch[:, ::-1], stretch)
     moved = SurfaceEstimate.from_lines(

@@ -34,6 +34,14 @@ def direction(start: Array, end: Array) -> Array:
     return np.arctan2(step[..., 1], step[..., 0])
 
 
+def moved_lines(line: Array, by: Array) -> tuple[Array, Array]:
+    """Lines (S, 2) moved by (2,) m, of whatever sign, and their derivatives (S, 2, 2) by those before."""
+    slope = np.zeros((len(line), 2, 2))
+    slope[:, 0, 0] = slope[:, 1, 1] = 1.0
+    slope[:, 1, 0] = unit(line[:, 0] + 0.5 * np.pi) @ by
+    return np.column_stack([line[:, 0], line[:, 1] + unit(line[:, 0]) @ by]), slope
+
+
 def unit(angle: Array | float) -> Array:
     """Unit vector of an angle, shape ``(..., 2)``."""
     vector = np.empty((*np.shape(angle), 2))

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
+from gridslam.evaluation.bounds import unknown_map_bound
+from gridslam.evaluation.surface_truth import surface_scores
 from gridslam.systems.far_regions import about, middle_of, moved_map, moved_surfaces
 
 BY = np.array([250.0, -80.0])
@@ -139,3 +141,16 @@ def test_moved_surfaces_are_the_same_places(seed, by):
     back, _ = moved_surfaces(moved, -by)
     np.testing.assert_allclose(back.line_cov, table.line_cov, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(back.extent_m, table.extent_m, atol=1e-9)
+
+
+def test_scores_and_bounds_are_those_of_the_region_at_the_origin():
+    """Feature vectors from far off called each wall false that was a degree off."""
+    scores = [
+        surface_scores(ended(scene, "adaptive")[0].map().surfaces, gs.ground_truth(scene, "agent1"))
+        for scene in (HERE, THERE)
+    ]
+    assert scores[0]["surfaces_matched"] > 2
+    assert scores[1] == pytest.approx(scores[0], abs=1e-4)
+    bounds = [unknown_map_bound(scene, "agent1") for scene in (HERE, THERE)]
+    for name in ("position_m", "surface_m"):
+        np.testing.assert_allclose(*(getattr(one, name)[-1] for one in bounds), rtol=1e-6)
