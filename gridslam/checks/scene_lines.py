@@ -6,6 +6,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.simulation.image_source import visible
+from gridslam.systems.registry import METHODS
 from gridslam.wording import counted
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
@@ -17,8 +18,6 @@ MUCH = 10.0
 """Times the region's greater side by which no wall reaches out of it."""
 UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
 """In which walls may be drawn, m."""
-ABOUT_MIDDLE = ("grid", "adaptive", "va")
-"""Methods that reckon about the middle of regions that don't hold the origin."""
 FAR_M = 10.0
 """Gap between origin and region from which on fewer surfaces are found, see README."""
 MOST_NAMED = 12
@@ -77,11 +76,12 @@ def far_off(scene: Scene, method: str | None = None) -> list[str]:
     """
     sides = np.array([scene.grid.x_m, scene.grid.y_m])
     gap = float(np.hypot(*np.maximum(np.maximum(sides[:, 0], -sides[:, 1]), 0.0)))
-    if gap <= FAR_M or method in ABOUT_MIDDLE:
+    able = [one.name for one in METHODS.values() if one.centres]
+    if gap <= FAR_M or method in able:
         return []
     x, y = np.round(sides.mean(1))
     return [
-        f"the region lies {gap:.0f} m from the origin (0, 0). {', '.join(ABOUT_MIDDLE)} reckon about its "
+        f"the region lies {gap:.0f} m from the origin (0, 0). {', '.join(able)} reckon about its "
         "middle, other methods about the origin: the farther, the fewer surfaces they find. "
         f"Subtract ({x:g}, {y:g}) m from all positions"
     ]

@@ -59,6 +59,8 @@ class Method:
         What received the signals that it takes.
     has_health : bool
         Whether it tells if it trusts itself.
+    centres : bool
+        Whether it reckons about the middle of a region that doesn't hold the origin.
     clocked : str
         The same method of clocks that aren't known, which stands for it there.
     """
@@ -77,6 +79,7 @@ class Method:
     learns: bool = False
     antennas: Antennas = "any"
     has_health: bool = True
+    centres: bool = False
     clocked: str = ""
 
 
@@ -87,6 +90,7 @@ _ENTERED = (
         "grid SLAM: surfaces, their reflection coefficients and an occupancy grid",
         "docs/model.md#5-the-occupancy-grid",
         on_angles=True,
+        centres=True,
         clocked="network_grid",
     ),
     Method(
@@ -95,6 +99,7 @@ _ENTERED = (
         "adaptive SLAM: surfaces alone, each ray with an amplitude of its own",
         "docs/model.md#7-adaptive-slam-amplitudes-of-rays",
         on_angles=True,
+        centres=True,
         clocked="network",
     ),
     Method(
@@ -103,6 +108,7 @@ _ENTERED = (
         "virtual-anchor SLAM: each surface serves one anchor",
         "docs/model.md#8-virtual-anchors",
         takes_map=False,
+        centres=True,
     ),
     Method(
         "refa",
@@ -281,14 +287,12 @@ def method_class(method: str | type, where: str = "method") -> type[Slam]:
         return require_slam(_imported(method, where), where, method)
     entered = [entry for entry in _entry_points() if entry.name == method]
     if entered:
-        places = sorted({entry.value for entry in entered})
+        places, point = sorted({entry.value for entry in entered}), f"entry point {method!r} of {GROUP}"
         if method in METHODS:
-            raise InputError(
-                f"entry point {method!r} of {GROUP}", places[0], f"another name than {', '.join(METHODS)}"
-            )
+            raise InputError(point, places[0], f"another name than {', '.join(METHODS)}")
         if len(places) > 1:
-            raise InputError(f"entry point {method!r} of {GROUP}", " and ".join(places), "one of this name")
-        return require_slam(_imported(places[0], f"entry point {method!r} of {GROUP}"), where, places[0])
+            raise InputError(point, " and ".join(places), "one of this name")
+        return require_slam(_imported(places[0], point), where, places[0])
     if method not in METHODS:
         theirs = sorted({entry.name for entry in _entry_points()} - set(METHODS))
         from gridslam.world.validation import nearest
@@ -329,10 +333,8 @@ def _imported(path: str, where: str) -> object:
             raise InputError(where, f"no module {missing!r}", f"{OWN}, installed or in this folder") from None
         raise InputError(where, f"{module}, which needs {missing!r}", "a module that imports") from None
     except Exception as error:
-        why = f"{type(error).__name__}: {error}"
-        raise InputError(
-            where, f"{module}, which can't be imported ({why})", "a module that imports"
-        ) from None
+        why = f"{module}, which can't be imported ({type(error).__name__}: {error})"
+        raise InputError(where, why, "a module that imports") from None
     for part in name.split("."):
         if not hasattr(found, part):
             own = [key for key, it in vars(found).items() if getattr(it, "__module__", "") == module]

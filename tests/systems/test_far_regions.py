@@ -12,6 +12,9 @@ from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.bounds import unknown_map_bound
 from gridslam.evaluation.surface_truth import surface_scores
 from gridslam.systems.far_regions import about, middle_of, moved_map, moved_surfaces
+from gridslam.systems.front import SurfaceFilter
+from gridslam.systems.registry import METHODS as REGISTERED
+from gridslam.systems.registry import method_class
 
 BY = np.array([250.0, -80.0])
 METHODS = {"grid": gs.GridSlam, "adaptive": gs.AdaptiveSlam, "va": gs.VirtualAnchorSlam}
@@ -154,3 +157,8 @@ def test_scores_and_bounds_are_those_of_the_region_at_the_origin():
     bounds = [unknown_map_bound(scene, "agent1") for scene in (HERE, THERE)]
     for name in ("position_m", "surface_m"):
         np.testing.assert_allclose(*(getattr(one, name)[-1] for one in bounds), rtol=1e-6)
+
+
+@pytest.mark.parametrize("name", REGISTERED)
+def test_the_registry_says_which_methods_do(name):
+    assert issubclass(method_class(name), SurfaceFilter) is REGISTERED[name].centres
