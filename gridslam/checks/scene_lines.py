@@ -8,6 +8,7 @@ from gridslam.arrays import Array
 from gridslam.simulation.image_source import visible
 from gridslam.systems.registry import METHODS
 from gridslam.wording import counted
+from gridslam.world.geometry import gap_to_origin
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
@@ -75,7 +76,7 @@ def far_off(scene: Scene, method: str | None = None) -> list[str]:
         Asked for; default: any.
     """
     sides = np.array([scene.grid.x_m, scene.grid.y_m])
-    gap = float(np.hypot(*np.maximum(np.maximum(sides[:, 0], -sides[:, 1]), 0.0)))
+    gap = gap_to_origin(*sides.T)
     able = [one.name for one in METHODS.values() if one.centres]
     if gap <= FAR_M or method in able:
         return []

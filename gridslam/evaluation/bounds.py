@@ -28,7 +28,7 @@ from gridslam.evaluation.path_slopes import (
     whitened_jacobian,
     with_elevations,
 )
-from gridslam.evaluation.surface_truth import middle_of
+from gridslam.evaluation.surface_truth import middle_of_walls
 from gridslam.inference.beliefs.layout import AGENT
 from gridslam.simulation.image_source import TruePaths, true_paths
 from gridslam.world.geometry import moved_lines, sfv_covariance
@@ -171,7 +171,7 @@ def unknown_map_bound(
         own = AGENT + (2 * np.searchsorted(surface, before.surface)[:, None] + np.arange(2)).ravel()
         information[np.ix_(own, own)] = before.information
 
-    feet, bounds, middle = np.zeros(len(surface)), [], middle_of(scene.segments())
+    feet, bounds, middle = np.zeros(len(surface)), [], middle_of_walls(scene.segments())
     surface_m = np.full((len(gained), len(surface)), np.inf)
     for step in range(len(gained)):
         if step:

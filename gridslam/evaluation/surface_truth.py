@@ -13,7 +13,7 @@ from gridslam.arrays import Array
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.metrics import OSPA_CUTOFF_M, gospa, ospa
 from gridslam.simulation.image_source import Truth
-from gridslam.world.geometry import Segments, line_through, moved_lines, sfv
+from gridslam.world.geometry import Segments, gap_to_origin, line_through, moved_lines, sfv
 
 MATCHED_M = 0.5
 """Distance of feature vectors within which a surface that was found is a true one."""
@@ -40,7 +40,7 @@ class AudibleSurfaces:
     every : (W, 2) float64, m
         Feature vectors of all surfaces of the world, those that no path hits, too.
     middle : (2,) float64, m
-        About where feature vectors are taken, see `middle_of`.
+        About where feature vectors are taken, see `middle_of_walls`.
     """
 
     feature: Array
@@ -67,7 +67,7 @@ class AudibleSurfaces:
         np.minimum.at(curve, walls.surface, walls.curve)  # a facet in line with a straight wall is part of it
         hit = np.flatnonzero((first < NEVER).any(1))
         number, piece = np.unique(walls.surface, return_index=True)
-        middle = middle_of(walls)
+        middle = middle_of_walls(walls)
         line, _ = moved_lines(line_through(walls.start[piece], walls.end[piece]), -middle)
         feature = sfv(line)
         return cls(feature[np.searchsorted(number, hit)], curve[hit], first[hit], feature, middle)
@@ -146,7 +146,7 @@ class AudibleSurfaces:
         return metric(found, feature[wanted], OSPA_CUTOFF_M, 1.0)
 
 
-def middle_of(walls: Segments) -> Array:
+def middle_of_walls(walls: Segments) -> Array:
     """About where feature vectors are compared, (2,) m: the origin, or the walls' middle if that is far off.
 
     They are twice as far from the origin as their lines: beside it, half a metre is no angle at all.
@@ -155,8 +155,7 @@ def middle_of(walls: Segments) -> Array:
     if not len(ends):
         return np.zeros(2)
     low, high = ends.min(0), ends.max(0)
-    gap = np.hypot(*np.maximum(np.maximum(low, -high), 0.0))
-    return np.round(0.5 * (low + high)) if gap > FAR_M else np.zeros(2)
+    return np.round(0.5 * (low + high)) if gap_to_origin(low, high) > FAR_M else np.zeros(2)
 
 
 def assigned_error(found: Array, truth: Array, cutoff: float = OSPA_CUTOFF_M) -> Array:

@@ -15,15 +15,14 @@ from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import moved_lines, wrap
+from gridslam.world.geometry import gap_to_origin, moved_lines, wrap
 from gridslam.world.scene_parts import GridSpec
 
 
 def middle_of(grid: GridSpec) -> Array:
     """About where a filter is to reckon, (2,) whole m: the origin, if the region holds it, or its middle."""
     sides = np.array([grid.x_m, grid.y_m])
-    holds = (sides[:, 0] <= 0) & (sides[:, 1] >= 0)
-    return np.zeros(2) if holds.all() else np.round(sides.mean(1))
+    return np.round(sides.mean(1)) if gap_to_origin(*sides.T) else np.zeros(2)
 
 
 def about(model: FilterModel, middle: Array) -> FilterModel:

@@ -34,6 +34,11 @@ def direction(start: Array, end: Array) -> Array:
     return np.arctan2(step[..., 1], step[..., 0])
 
 
+def gap_to_origin(low: Array, high: Array) -> float:
+    """How far the origin lies beside a box between two corners (2,), m; 0 if the box holds it."""
+    return float(np.hypot(*np.maximum(np.maximum(low, -high), 0.0)))
+
+
 def moved_lines(line: Array, by: Array) -> tuple[Array, Array]:
     """Lines (S, 2) moved by (2,) m, of whatever sign, and their derivatives (S, 2, 2) by those before."""
     slope = np.zeros((len(line), 2, 2))

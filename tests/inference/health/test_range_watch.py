@@ -25,7 +25,7 @@ def late(measurements, metres, anchor=None):
 
 def watched(scene, measurements):
     """What is told after every look, each third step."""
-    return [watch.doubt for watch in looked(scene, measurements)]
+    return [watch.doubt for watch in looked(scene.filter_model("agent1"), measurements)]
 
 
 def crossing_at(scan, model):
@@ -34,9 +34,8 @@ def crossing_at(scan, model):
     return crossing_of(scans, own_deviations(scans, model.radio), model)
 
 
-def looked(scene, measurements):
+def looked(model, measurements):
     """What is known after every look."""
-    model = scene.filter_model("agent1")
     watch, found = RangeWatch.start(model.senders), []
     for step in range(0, len(measurements), 3):
         crossing = crossing_at(measurements.scan(step), model)
@@ -96,6 +95,21 @@ def test_an_anchor_of_three_that_stands_elsewhere_is_named_with_its_place(seed, 
     found = re.search(r"anchor B stands near \((-?[\d.]+), (-?[\d.]+)\)", doubt)
     assert found, doubt
     np.testing.assert_allclose([float(found[1]), float(found[2])], true, atol=0.3)
+
+
+def test_its_place_is_told_in_the_scenes_coordinates():
+    """A filter that reckons about the middle of a region elsewhere says where anchors stand in the scene."""
+    anchors = list(ROOM.anchors)
+    x, y = anchors[0].position_m
+    anchors[0] = anchors[0].model_copy(update={"position_m": (x + 0.7, y - 0.7)})
+    model = ROOM.model_copy(update={"anchors": tuple(anchors)}).filter_model("agent1")
+    heard, said = gs.simulate(ROOM, "agent1", 34), []
+    for origin in (np.zeros(2), np.array([100.0, -50.0])):
+        doubt = looked(replace(model, origin_m=origin), heard)[-1].doubt
+        places = re.findall(r"stands near \((-?[\d.]+), (-?[\d.]+)\)", doubt)
+        said.append(np.array(places, float) - origin)
+    assert len(said[0]) == 2
+    np.testing.assert_allclose(said[1], said[0], atol=0.11)  # each rounded to 0.1 m
 
 
 def test_of_two_anchors_either_may_be_the_one_that_stands_elsewhere():
@@ -209,7 +223,7 @@ def test_health_says_so_at_every_step_and_after_a_run_was_resumed(tmp_path):
     measurements, slam = late(gs.simulate(ROOM, "agent1", 24), 1.5, 0), gs.AdaptiveSlam(ROOM, seed=1)
     assert "distances" not in slam.step(measurements.scan(0)).health.why
     assert slam.population.ranges.steps == 1
-    before = looked(ROOM, measurements)[-1]
+    before = looked(ROOM.filter_model("agent1"), measurements)[-1]
     slam.now = slam.now._replace(believed=replace(slam.population, ranges=before))
     health = slam.step(measurements.scan(1)).health
     assert "distances of anchor A seem 1.5" in health.why
