@@ -19,7 +19,7 @@ from gridslam.checks.against_scene import against_scene
 from gridslam.checks.deviations import degrees, too_exact, variances
 from gridslam.checks.fillers import padding
 from gridslam.checks.repeats import repeats_line
-from gridslam.checks.scene_lines import far_off, implausible_radio
+from gridslam.checks.scene_lines import implausible_radio
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, beyond_radio, finite
 from gridslam.checks.verdict import UNSURE, verdict
 from gridslam.errors import InputError, located
@@ -93,7 +93,6 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     lines += elevations.remarks(columns, scene, agent)
     refused = [item for item in found if item.kind == "missing"]  # by `run`, too
     lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
-    lines += [f"note: {found}" for found in (far_off(scene) if scene is not None else [])]
     for line in (repeats_line(columns), time_units.strides_line(columns["step"])):
         lines += [f"suspect: {line}"] if line else []
     try:

@@ -14,7 +14,6 @@ from gridslam.checks.network_devices import device_lines, devices
 from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
 from gridslam.checks.range_words import clocks_advice
 from gridslam.checks.repeats import repeats_line
-from gridslam.checks.scene_lines import far_off
 from gridslam.errors import InputError, located
 from gridslam.io.files import reading_h5
 from gridslam.measurements import csv_table, hdf5_table, matlab
@@ -115,7 +114,6 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
             "refuses it; give it a column anchor, or take --method network or network_grid, which need none"
         )
     if scene is not None:
-        lines += [f"note: {found}" for found in far_off(scene)]
         absent = [
             body.name for body in scene.agents if body.present_s and body.name not in measurements.agents
         ]

@@ -6,9 +6,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.simulation.image_source import visible
-from gridslam.systems.registry import METHODS
 from gridslam.wording import counted
-from gridslam.world.geometry import gap_to_origin
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
 
@@ -19,8 +17,6 @@ MUCH = 10.0
 """Times the region's greater side by which no wall reaches out of it."""
 UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
 """In which walls may be drawn, m."""
-FAR_M = 10.0
-"""Gap between origin and region from which on fewer surfaces are found, see README."""
 MOST_NAMED = 12
 """Anchors up to which each is said of how often it is in sight."""
 
@@ -38,7 +34,7 @@ def scene_lines(scene: Scene) -> list[str]:
     counts = f"{counted(len(scene.anchors), 'anchor')}, {walls}, {counted(len(scene.agents), 'agent')}"
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
     lines += [f"suspect: {found}" for found in implausible_radio(scene)]
-    lines += [f"note: {found}" for found in far_off(scene)] + _beyond(scene)
+    lines += _beyond(scene)
     lines += [f"note: {found}" for found in [hidden_note(scene)] if found]
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
@@ -65,27 +61,6 @@ def hidden_note(scene: Scene) -> str | None:
         f"anchor{'s' * (len(hidden) > 1)} {named}{rest}: hidden by walls from all steps of all agents' ways. "
         "If that isn't meant, see positions, walls and waypoints_m: gridslam scene draw"
     )
-
-
-def far_off(scene: Scene, method: str | None = None) -> list[str]:
-    """That the region is far from the origin, about which most methods reckon; docs/model.md, (M556).
-
-    Parameters
-    ----------
-    method : str, optional
-        Asked for; default: any.
-    """
-    sides = np.array([scene.grid.x_m, scene.grid.y_m])
-    gap = gap_to_origin(*sides.T)
-    able = [one.name for one in METHODS.values() if one.centres]
-    if gap <= FAR_M or method in able:
-        return []
-    x, y = np.round(sides.mean(1))
-    return [
-        f"the region lies {gap:.0f} m from the origin (0, 0). {', '.join(able)} reckon about its "
-        "middle, other methods about the origin: the farther, the fewer surfaces they find. "
-        f"Subtract ({x:g}, {y:g}) m from all positions"
-    ]
 
 
 def implausible_radio(scene: Scene) -> list[str]:

@@ -116,11 +116,11 @@ def early_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
     return notes
 
 
-def scene_notes(world: Scene, method: str) -> list[str]:
-    """What of the scene's radio can hardly be meant, and that the region is far from the origin."""
-    from gridslam.checks.scene_lines import far_off, implausible_radio
+def scene_notes(world: Scene) -> list[str]:
+    """What of the scene's radio can hardly be meant."""
+    from gridslam.checks.scene_lines import implausible_radio
 
-    return [f"suspect: {found}" for found in implausible_radio(world)] + far_off(world, method)
+    return [f"suspect: {found}" for found in implausible_radio(world)]
 
 
 def height_notes(runs: Sequence[Run]) -> list[str]:

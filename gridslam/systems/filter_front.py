@@ -21,6 +21,7 @@ from gridslam.estimates import Estimate
 from gridslam.maps.frames import fitted
 from gridslam.maps.map import Map
 from gridslam.maps.run_identity import Identity, refuse_heard
+from gridslam.systems.far_regions import about, middle_of, moved_map
 from gridslam.wording import counted
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.observation import Kind, Observation
@@ -68,6 +69,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     """What it is handed: path measurements, or sampled signals."""
     uses_maps: ClassVar[bool] = True
     """Whether what an earlier agent left enters its belief."""
+    centres: ClassVar[bool] = False
+    """Whether it reckons about the middle of a far region, see `gridslam.systems.far_regions`."""
     by_particles: ClassVar[bool] = False
     """Whether ``filter.representation = "particles"`` says something that it does."""
 
@@ -106,7 +109,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         if prior is not None and (prior.lost or not self.uses_maps):
             prior = None
         self.provenance = _provenance(prior)
-        prior = None if prior is None else self._from_afar(prior)
+        prior = None if prior is None else moved_map(prior, -self.model.origin_m)
         self.inherited = None if prior is None else self._inherited(prior)
         begun = self._begun(self.start(self.model, prior))
         self.now = Moment(begun, Identity.of(scene.anchor_positions))
@@ -155,16 +158,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         return None
 
     def _about_middle(self, model: FilterModel) -> FilterModel:
-        """The model in the coordinates that the system reckons in, see `gridslam.systems.far_regions`."""
-        return model
-
-    def _from_afar(self, prior: Map) -> Map:
-        """An earlier map in these coordinates."""
-        return prior
-
-    def _nearer(self, position_m: Array) -> Array:
-        """A place (2,) in these coordinates."""
-        return position_m
+        """The model in the coordinates that the system reckons in."""
+        return about(model, middle_of(model.grid)) if self.centres else model
 
     def _model(self, model: FilterModel) -> Any:
         """What the system takes of the model."""
@@ -226,7 +221,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
         if not np.isfinite(pose).all():
             raise InputError("start", str(pose.tolist()), "finite numbers")
-        moved = self._begun(self.moved(state, self._nearer(pose[:2]), float(pose[2])))
+        moved = self._begun(self.moved(state, pose[:2] - self.model.origin_m, float(pose[2])))
         self.now = self.now._replace(believed=moved)
 
     def step(self, scan: Observed) -> Estimate:

@@ -34,7 +34,7 @@ from gridslam.inference.state.surface_bank import FRESH_SINGLE, SETTLED
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
-from gridslam.systems.far_regions import about, middle_of, moved_estimate, moved_map
+from gridslam.systems.far_regions import moved_estimate, moved_map
 from gridslam.systems.filter_front import FilterFront, Moment, require_paths
 from gridslam.systems.soundness import require_sound_population
 from gridslam.world.filter_model import FilterModel, detected
@@ -56,6 +56,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
     A system adds its `start` and `advance`, of one state.
     """
 
+    centres = True
     keeps_grid: ClassVar[bool] = False
     """Whether it maps cells."""
     branches: ClassVar[bool] = False
@@ -134,7 +135,9 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         features, spread = left_features(
             state.unexplained, *handed, table.line[found], self.model.anchor_positions, elements
         )
-        return own_map if features is None else replace(own_map, features=features, feature_covariance=spread)
+        if features is not None:
+            own_map = replace(own_map, features=features, feature_covariance=spread)
+        return moved_map(own_map, self.model.origin_m)
 
     def _strength(self, state: State) -> Callable[[Rays, Array], Array] | None:
         """Amplitudes (L,) of rays of given distances (L,); None where they follow from coefficients."""
@@ -151,13 +154,14 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         mean, covariance = agent_moments(population)
         at_1m = model.radio.amplitude_at_1m * info.gain
         table, paths = estimates(state, model, at_1m, self._strength(state), work=self.work)
-        return Estimate(
+        near = Estimate(
             scan.step, scan.time_s, mean[:2].copy(), mean[2:4].copy(), float(wrap(mean[HEADING])),
             covariance, table, paths,
             detected(table.existence, model.settings), info.health.effective_sample_size,
             time.perf_counter() - began, info.health, described(population), self._heights(state),
             coefficients=self._coefficients(state),
         )  # fmt: skip
+        return moved_estimate(near, self.model.origin_m)
 
     def _coefficients(self, state: State) -> dict[str, tuple[float, float]]:
         """Coefficients of floor and ceiling that the scene gives with deviations, as believed, and theirs."""
@@ -190,24 +194,6 @@ class SurfaceFilter(SurfaceFront[Scan]):
         require_scene(scene)
         require_known_clocks(scene, agent)
         super().__init__(scene, prior_map, agent, seed, same_frame)
-
-    def _about_middle(self, model: FilterModel) -> FilterModel:
-        return about(model, middle_of(model.grid))
-
-    def _from_afar(self, prior: Map) -> Map:
-        return moved_map(prior, -self.model.origin_m)
-
-    def _nearer(self, position_m: Array) -> Array:
-        near: Array = position_m - self.model.origin_m
-        return near
-
-    def estimate(self, believed: Population[State], scan: Scan, info: StepInfo, began: float) -> Estimate:
-        """The same in the scene's coordinates."""
-        return moved_estimate(super().estimate(believed, scan, info, began), self.model.origin_m)
-
-    def map(self) -> Map:
-        """The map as it stands, in the scene's coordinates."""
-        return moved_map(super().map(), self.model.origin_m)
 
     def _checked(self, scan: Scan, after: float | None) -> Scan:
         require_paths(scan, self)

@@ -20,6 +20,7 @@ from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
+from gridslam.systems.far_regions import moved_estimate, moved_map
 from gridslam.systems.filter_front import FilterFront
 from gridslam.systems.front import bare_map
 from gridslam.systems.network_soundness import require_sound_networks
@@ -58,7 +59,8 @@ class NetworkFront(FilterFront[NetworkScan, Believed]):
         super().__init__(scene, prior_map, None if self._names is None else self._names[0], seed, same_frame)
 
     def _model(self, model: FilterModel) -> NetworkModel:
-        return network_model(self.scene, self._names or [model.agent])
+        network = network_model(self.scene, self._names or [model.agent])
+        return replace(network, agents=tuple(map(self._about_middle, network.agents)))
 
     def _checked(self, scan: Any, after: float | None) -> Any:
         self._single = isinstance(scan, Scan)
@@ -94,13 +96,14 @@ class NetworkFront(FilterFront[NetworkScan, Believed]):
             raise InputError("start", f"told after {state.step} steps", "before the first")
         for name, start in starts.items():
             number = self.model.names.index(name)
-            state = self.started_at(state, number, start.position_m, start.heading_rad)
+            state = self.started_at(state, number, start.position_m - self.model.origin_m, start.heading_rad)
         self.now = self.now._replace(believed=self._begun(state))
 
 
 class NetworkFilter(NetworkFront[Population[NetworkState]]):
     """The front of systems whose state is `NetworkState`; a system adds its `start` and `advance`."""
 
+    centres = True
     keeps_grid = False
     """Whether it maps cells."""
 
@@ -138,7 +141,9 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
         self, believed: Population[NetworkState], scan: NetworkScan, info: NetworkInfo, began: float
     ) -> Any:
         """Estimates of agents, surfaces and clocks."""
-        whole = network_estimate(believed, scan, info.agents, self.model, began, works=self.work)
+        near = network_estimate(believed, scan, info.agents, self.model, began, works=self.work)
+        agents = {name: own and moved_estimate(own, self.model.origin_m) for name, own in near.agents.items()}
+        whole = replace(near, agents=agents)
         return whole.agents[self.agent] if self._single else whole
 
     def map(self) -> Map:
@@ -147,4 +152,5 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
         table = surface_estimate(state.part(0), work=self.work[0])
         found = detected(table.existence, self.model.settings) & (state.surfaces.seen >= CONFIRMED)
         joint = lines_covariance(state.belief, found)
-        return bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
+        near = bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
+        return moved_map(near, self.model.origin_m)

@@ -59,8 +59,6 @@ class Method:
         What received the signals that it takes.
     has_health : bool
         Whether it tells if it trusts itself.
-    centres : bool
-        Whether it reckons about the middle of a region that doesn't hold the origin.
     clocked : str
         The same method of clocks that aren't known, which stands for it there.
     """
@@ -79,7 +77,6 @@ class Method:
     learns: bool = False
     antennas: Antennas = "any"
     has_health: bool = True
-    centres: bool = False
     clocked: str = ""
 
 
@@ -90,7 +87,6 @@ _ENTERED = (
         "grid SLAM: surfaces, their reflection coefficients and an occupancy grid",
         "docs/model.md#5-the-occupancy-grid",
         on_angles=True,
-        centres=True,
         clocked="network_grid",
     ),
     Method(
@@ -99,7 +95,6 @@ _ENTERED = (
         "adaptive SLAM: surfaces alone, each ray with an amplitude of its own",
         "docs/model.md#7-adaptive-slam-amplitudes-of-rays",
         on_angles=True,
-        centres=True,
         clocked="network",
     ),
     Method(
@@ -108,7 +103,6 @@ _ENTERED = (
         "virtual-anchor SLAM: each surface serves one anchor",
         "docs/model.md#8-virtual-anchors",
         takes_map=False,
-        centres=True,
     ),
     Method(
         "refa",

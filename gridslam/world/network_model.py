@@ -51,6 +51,11 @@ class NetworkModel:
         return self.agents[0].anchor_positions
 
     @property
+    def origin_m(self) -> Array:
+        """Where its origin lies in the scene's coordinates, (2,) m."""
+        return self.agents[0].origin_m
+
+    @property
     def anchor_names(self) -> tuple[str, ...]:
         """Names of the anchors."""
         return self.agents[0].anchor_names

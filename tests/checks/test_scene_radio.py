@@ -5,7 +5,7 @@ from check_tables import NAMES, SCENES, simulated_columns
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe
-from gridslam.checks.scene_lines import far_off, hidden_note, implausible_radio, scene_lines
+from gridslam.checks.scene_lines import hidden_note, implausible_radio, scene_lines
 from gridslam.measurements.table import Measurements
 
 
@@ -73,33 +73,3 @@ def test_an_anchor_that_walls_hide_from_the_whole_way_is_told(say, tmp_path):
 
 def test_no_anchor_of_a_bundled_scene_is_hidden_for_good():
     assert not any(hidden_note(gs.Scene.load(name)) for name in gs.bundled_scenes())
-
-
-@pytest.mark.parametrize(
-    ("x_m", "y_m", "says"),
-    [
-        ((0.0, 20.0), (-30.0, 40.0), None),
-        ((10.0, 20.0), (-30.0, 40.0), None),
-        ((10.5, 20.5), (-30.0, 40.0), "10 m from the origin (0, 0)"),
-        ((-120.0, -80.0), (-60.0, -30.0), "Subtract (-100, -45) m"),
-        ((300.0, 310.0), (400.0, 410.0), "500 m from"),
-    ],
-)
-def test_a_region_far_from_the_origin_is_named(x_m, y_m, says):
-    scene = gs.Scene.load("room")
-    lines = far_off(scene.model_copy(update={"grid": scene.grid.model_copy(update={"x_m": x_m, "y_m": y_m})}))
-    assert len(lines) == (says is not None)
-    assert all(says in line for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("method", "told"), [("network", 1), ("direct", 1), ("grid", 0), ("adaptive", 0), ("va", 0)]
-)
-def test_methods_that_reckon_about_the_middle_mind_no_distance(method, told):
-    scene = gs.Scene.load("room")
-    far = scene.grid.model_copy(update={"x_m": (90.0, 100.0), "y_m": (0.0, 8.0)})
-    assert len(far_off(scene.model_copy(update={"grid": far}), method)) == told
-
-
-def test_bundled_scenes_hold_the_origin():
-    assert not any(far_off(gs.Scene.load(name)) for name in SCENES)

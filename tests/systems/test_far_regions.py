@@ -10,14 +10,18 @@ from hypothesis import strategies as st
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.bounds import unknown_map_bound
+from gridslam.evaluation.network_bounds import network_bound
 from gridslam.evaluation.surface_truth import surface_scores
+from gridslam.simulation.network import shared_air
 from gridslam.systems.far_regions import about, middle_of, moved_map, moved_surfaces
-from gridslam.systems.front import SurfaceFilter
-from gridslam.systems.registry import METHODS as REGISTERED
-from gridslam.systems.registry import method_class
+from gridslam.systems.published.hybrid_known import KnownHybridSlam
+from gridslam.world.start import Start
 
 BY = np.array([250.0, -80.0])
-METHODS = {"grid": gs.GridSlam, "adaptive": gs.AdaptiveSlam, "va": gs.VirtualAnchorSlam}
+METHODS = {
+    "grid": gs.GridSlam, "adaptive": gs.AdaptiveSlam, "va": gs.VirtualAnchorSlam, "network": gs.NetworkSlam,
+    "network_grid": gs.NetworkGridSlam,
+}  # fmt: skip
 
 
 def moved_scene(scene, by):
@@ -34,6 +38,8 @@ def moved_scene(scene, by):
         anchor["position_m"] = there(anchor["position_m"])
     for wall in data["walls"]:
         wall["points_m"] = [there(point) for point in wall["points_m"]]
+    for scatterer in data.get("scatterers", []):
+        scatterer["position_m"] = there(scatterer["position_m"])
     for agent in data["agents"]:
         agent["start_m"] = there(agent["start_m"])
         agent["waypoints_m"] = [there(point) for point in agent["waypoints_m"]]
@@ -155,10 +161,53 @@ def test_scores_and_bounds_are_those_of_the_region_at_the_origin():
     assert scores[0]["surfaces_matched"] > 2
     assert scores[1] == pytest.approx(scores[0], abs=1e-4)
     bounds = [unknown_map_bound(scene, "agent1") for scene in (HERE, THERE)]
+    clocked = [network_bound(scene, shared_air(scene, ("agent1",), 1, 4)[1]) for scene in (HERE, THERE)]
+    np.testing.assert_allclose(*(one.position_m[-1] for one in clocked), rtol=1e-6)
     for name in ("position_m", "surface_m"):
         np.testing.assert_allclose(*(getattr(one, name)[-1] for one in bounds), rtol=1e-6)
 
 
-@pytest.mark.parametrize("name", REGISTERED)
-def test_the_registry_says_which_methods_do(name):
-    assert issubclass(method_class(name), SurfaceFilter) is REGISTERED[name].centres
+AGENTS = ("agent1", "agent2", "agent3")
+
+
+def network_run(scene, steps=16):
+    """Three agents that measurements tell apart, anchors and clocks that nothing does; starts told."""
+    slam = gs.NetworkSlam(scene, agents=AGENTS, seed=2)
+    heard = gs.simulate(EXCHANGE, AGENTS, 4, unlabelled=True)
+    tracks = {name: scene.track(name) for name in AGENTS}
+    slam.start_all({name: Start(track.position_m[0], track.heading_rad[0]) for name, track in tracks.items()})
+    for scan in list(heard)[:steps]:
+        estimate = slam.step(scan)
+    return slam, estimate
+
+
+EXCHANGE = gs.Scene.load("exchange")
+
+
+def test_agents_whose_clocks_are_open_are_where_they_were_moved_to():
+    (near, here), (far, there) = (network_run(scene) for scene in (EXCHANGE, moved_scene(EXCHANGE, BY)))
+    for name, own in here.agents.items():
+        np.testing.assert_allclose(there.agents[name].position_m - BY, own.position_m, atol=1e-5)
+    np.testing.assert_allclose(there.offset_s, here.offset_s, atol=1e-13)
+    assert len(near.map().surfaces) == 4
+    same_surfaces(far.map().surfaces, near.map().surfaces)
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [("overlap", gs.DirectSlam), ("chamber", gs.DirectGridSlam), ("screen", KnownHybridSlam)],
+)
+def test_samples_far_off_say_what_they_say_at_the_origin(name, method):
+    """Features are places already: such methods need no middle."""
+    ends = []
+    for scene in (gs.Scene.load(name), moved_scene(gs.Scene.load(name), BY)):
+        heard = gs.simulate(scene, scene.agents[0].name, 4, what="signal")
+        slam = method(scene, seed=2, waveform=heard.waveform)
+        for scan in list(heard)[:12]:
+            estimate = slam.step(scan)
+        ends.append((estimate, slam.map()))
+    (here, near), (there, far) = ends
+    np.testing.assert_allclose(there.position_m - BY, here.position_m, atol=1e-5)
+    same_surfaces(there.surfaces, here.surfaces)
+    if near.features is not None:
+        np.testing.assert_allclose(far.features.position_m - BY, near.features.position_m, atol=1e-5)

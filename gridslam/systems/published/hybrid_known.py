@@ -31,6 +31,7 @@ from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.maps.map import Map
 from gridslam.systems.hybrid import start
 from gridslam.systems.hybrid_front import HybridFilter, HybridWork
+from gridslam.world.geometry import unit
 from gridslam.world.scene import Scene
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
@@ -82,8 +83,11 @@ def _surfaces(scene: Scene) -> SurfaceEstimate:
     offset = (pieces.start[rows] * np.stack([np.cos(angle), np.sin(angle)], 1)).sum(1)
     turned = np.where(offset < 0, np.pi, 0.0)
     line = np.stack([angle + turned, np.abs(offset)], 1)
+    middle = 0.5 * (pieces.start[rows] + pieces.end[rows])
+    by_turn = np.stack([np.ones(len(rows)), (middle * unit(line[:, 0] + 0.5 * np.pi)).sum(1)], 1)
+    spread = KNOWN_RAD**2 * by_turn[:, :, None] * by_turn[:, None]  # turned about the wall's own middle
+    spread[:, 1, 1] += KNOWN_M**2
     count = len(rows)
-    spread = np.tile(np.diag(np.square([KNOWN_RAD, KNOWN_M])), (count, 1, 1))
     ones = np.ones(count)
     return SurfaceEstimate(
         np.arange(count), np.zeros((count, 2)), np.zeros((count, 2, 2)), line, spread,
