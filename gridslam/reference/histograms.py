@@ -22,11 +22,17 @@ def rescaled(belief: Array, factor: Array, nodes: Array, fine: float, ratio: flo
 def walk(earlier: Array, length: Array, existence: Array, table: Array, number: Array) -> Array:
     """Twin of `histograms.walk`: histograms ahead (L, K)."""
     nodes, gap, stay, rise, fall = table[:5]
-    fine, ratio, at_1m, p_stay, p_appear = number[:5]
+    fine, ratio, at_1m, p_stay, p_appear, _, level, weakened = number
     step = np.diag(stay) + np.diag(rise[:-1], 1) + np.diag(fall[1:], -1)
     free = at_1m / np.maximum(length[2], 1e-3)
     fresh = gap * (nodes <= np.maximum(np.minimum(free, nodes[-1]), 2 * nodes[0])[:, None])
     fresh = fresh / fresh.sum(1, keepdims=True)
+    straight, far = length[3] >= 0, np.maximum(length[1], 1e-3)
+    mean = np.minimum(at_1m / far, nodes[-1])
+    deviation = mean * np.hypot(level, length[3] / far) + fine * ratio
+    free = gap * np.exp(-0.5 * ((nodes - mean[:, None]) / deviation[:, None]) ** 2)
+    free = (1 - weakened) * free / free.sum(1, keepdims=True) + weakened * fresh
+    fresh = np.where(straight[:, None], free, fresh)
     rows, stayed = length[0] >= 0, fresh.copy()
     now = rescaled(earlier[rows], length[0, rows] / np.maximum(length[1, rows], 1e-3), nodes, fine, ratio)
     stayed[rows] = now @ step

@@ -9,9 +9,10 @@ from gridslam.kernels.primitives.radio import log_rician
 NODES, GAP, STAY, RISE, FALL, SILENT = 0, 1, 2, 3, 4, 5
 """Rows of a table over the nodes: amplitudes; shares of a flat density; probability that a walking amplitude
 stays, goes to the next node, or to the one before; that it isn't detected."""
-FINE, RATIO, AT_1M, P_STAY, P_APPEAR, SURPRISE = 0, 1, 2, 3, 4, 5
+FINE, RATIO, AT_1M, P_STAY, P_APPEAR, SURPRISE, LEVEL, WEAKENED = 0, 1, 2, 3, 4, 5, 6, 7
 """Places of numbers: nodes are ``FINE sinh(RATIO (n + 1))``; amplitude at 1 m; probabilities that a ray stays
-and that it appears; weight of any amplitude at all."""
+and that it appears; weight of any amplitude at all; deviation of a line of sight's amplitude about that of
+free space, as a share of it, and share of those that something weakens."""
 CLAIMED = 1e-3
 """Sum over the paths of their responsibility from which on a measurement is looked at."""
 
@@ -34,14 +35,26 @@ def rescale(
         out[below], out[below + 1] = before + weights[row, n] - above, after + above
 
 
+@ti.func
+def of_free_space(row, length: ti.template(), number: ti.template(), table: ti.template(), n):
+    """Density at a node, not normalised, of the amplitude that free space makes of a line of sight."""
+    far = ti.max(length[1, row], 1e-3)
+    level = ti.min(number[AT_1M] / far, table[NODES, table.shape[1] - 1])
+    doubt = length[3, row] / far
+    deviation = level * ti.sqrt(number[LEVEL] * number[LEVEL] + doubt * doubt) + number[FINE] * number[RATIO]
+    gap = (table[NODES, n] - level) / deviation
+    return table[GAP, n] * decay_of(-0.5 * gap * gap)
+
+
 @quick
 @ti.kernel
 def walk(
     earlier: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] histograms as they were
-    length: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3, L] paths' then, negative for none; now; at least
+    length: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [4, L] paths' then, negative for none; now; at least;
+    # deviation of that now, of lines of sight, negative for what is reflected
     existence: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [L] predicted, of the rays
     table: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [6, K] see `NODES`
-    number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [6] see `FINE`
+    number: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [8] see `FINE`
     scratch: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [K]
     ahead: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L, K] out: histograms one step ahead, (M43)
 ):
@@ -53,16 +66,20 @@ def walk(
             far = ti.max(length[1, row], 1e-3)
             near = ti.max(length[2, row], 1e-3)
             reach = ti.max(ti.min(number[AT_1M] / near, table[NODES, last]), 2 * table[NODES, 0])
-            total, there, chance = ti.f64(0.0), existence[row], number[P_APPEAR]
+            total, free, there, chance = ti.f64(0.0), ti.f64(0.0), existence[row], number[P_APPEAR]
+            any_level = number[WEAKENED] if length[3, row] >= 0 else 1.0
             for n in range(last + 1):
                 total += table[GAP, n] if table[NODES, n] <= reach else 0.0
-            share = ti.f64(1.0)  # of a ray that appears: it may have any amplitude up to that
+                free += of_free_space(row, length, number, table, n) if any_level < 1 else 0.0
+            share = ti.f64(1.0)  # of a ray that appears: any amplitude up to that, or free space's
             if length[0, row] >= 0:
                 rescale(earlier, row, length[0, row] / far, number, table, scratch)
                 before = ti.max(0.0, ti.min((there - chance) / (number[P_STAY] - chance), 1.0))
                 share = chance * (1 - before) / ti.max(there, 1e-12)
             for n in range(last + 1):
-                fresh = table[GAP, n] / total if table[NODES, n] <= reach else 0.0
+                fresh = any_level * table[GAP, n] / total if table[NODES, n] <= reach else 0.0
+                if any_level < 1:
+                    fresh += (1 - any_level) * of_free_space(row, length, number, table, n) / free
                 ahead[row, n] = share * fresh
             for n in range(last + 1 if share < 1 else 0):
                 walked = scratch[n] * table[STAY, n]

@@ -177,12 +177,25 @@ def test_silence_makes_a_ray_fainter_but_not_for_good():
 
 
 @pytest.mark.parametrize(("std", "nearest"), [(0.0, 4.0), (0.5, 2.5)])
-def test_a_ray_that_appears_may_have_any_amplitude_of_free_space(std, nearest):
+def test_a_reflection_that_appears_may_have_any_amplitude_of_free_space(std, nearest):
     """At the least length that it may have, three deviations below what is predicted."""
-    belief = ahead(UNMEASURED, 0.005, 4.0, std)
+    bank = UNMEASURED.surfaces.add(8, 0.9, np.full(20, 0.05), 0.0, (0, -1, -1))
+    path = replace(one_path(0.005, 4.0, std), rays=Rays.of(0, 1, 0, 0, np.array([0.005]), np.ones(1)))
+    state = replace(UNMEASURED, surfaces=bank)
+    belief = predict_amplitudes(state, path, anchor_scan(), SIGNAL, work=WORK)
     top = belief.nodes[belief.probability[0] > 0].max()
     assert top <= SIGNAL.amplitude(nearest)
     assert top > 0.9 * SIGNAL.amplitude(nearest)
+
+
+def test_a_line_of_sight_that_appears_has_that_of_free_space():
+    """(M557): to a decibel, but for one in fifty; and as much less surely as its length is."""
+    belief = ahead(UNMEASURED, 0.005, 4.0)
+    nodes, level = belief.nodes, float(SIGNAL.amplitude(4.0))
+    assert belief.probability[0][np.abs(nodes / level - 1) < 0.4].sum() > 0.97
+    assert 0.005 < belief.probability[0][nodes < 0.5 * level].sum() < 0.02
+    loud = ahead(UNMEASURED, 0.005, 4.0, 2.0)
+    assert loud.probability[0][nodes > 1.5 * level].sum() > 0.1
 
 
 def test_amplitudes_of_dropped_surfaces_are_forgotten():

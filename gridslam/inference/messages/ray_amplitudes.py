@@ -41,6 +41,8 @@ SHORTER = 3.0
 """Deviations by which a path may be shorter than predicted, and so louder."""
 UNKNOWN_SHARE = 0.5
 """Of what free space allows, the mean amplitude of a ray of which nothing is known."""
+LEVEL_SHARE, WEAKENED = 0.12, 0.02
+"""Deviation of a path's amplitude from what its length makes it (1 dB), and share of those far off it."""
 WORTH_KEEPING = 0.01
 """Existence, before a step or by what it has heard, below which a ray's amplitude stays as it was."""
 
@@ -91,8 +93,8 @@ class AmplitudeModel:
     table : (6, K)
         Nodes, gap, and the walk's three diagonals; then the likelihood of a miss. See
         `gridslam.kernels.messages.histograms`.
-    number : (6,)
-        FINE, RATIO, amplitude at 1 m, P_STAY, P_APPEAR, SURPRISE.
+    number : (8,)
+        FINE, RATIO, amplitude at 1 m, P_STAY, P_APPEAR, SURPRISE, LEVEL_SHARE, WEAKENED.
     """
 
     nodes: Array
@@ -115,7 +117,8 @@ class AmplitudeModel:
         gap = gap / gap.sum()
         table = np.stack([nodes, gap, *(walk / walk.sum(0)), np.zeros(count)])
         table[SILENT] = np.maximum(1 - detection_table(radio)(nodes), SURPRISE)
-        number = np.array([FINE, RATIO, radio.amplitude_at_1m, P_STAY, P_APPEAR, SURPRISE])
+        appears = P_STAY, P_APPEAR, SURPRISE, LEVEL_SHARE, WEAKENED
+        number = np.array([FINE, RATIO, radio.amplitude_at_1m, *appears])
         return AmplitudeModel(nodes, gap, table, number)
 
 
@@ -127,8 +130,8 @@ def predict_amplitudes(
 
     A ray that was there walks on, eq. (13), about what free space makes of its new length: near an anchor an
     amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
-    at the least length that it may have. Where amplitudes are neither measured nor told by what is missed,
-    there is nothing to keep.
+    at the least length that it may have; a line of sight, but for one in fifty, has that of its length. Where
+    amplitudes are neither measured nor told by what is missed, there is nothing to keep.
     """
     if radio.given_detection is not None and not require(state).known and np.isnan(scan.amplitude).all():
         return Unmeasured(np.ones((len(paths.rays), 1)), np.array([UNKNOWN_SHARE * radio.amplitude_at_1m]))
@@ -242,10 +245,11 @@ def _walked(state: State, rays: Rays, prediction: Prediction, radio: RadioModel,
     known, model = require(state).known, AmplitudeModel.of(radio)
     count, size = len(rays), len(model.nodes)
     before = work.buffers(_histograms, 0, count, size)
-    length, scratch = np.empty((3, count)), np.empty(size)
+    length, scratch = np.empty((4, count)), np.empty(size)
     ahead = np.empty((count, size))
     length[0], length[1] = -1.0, prediction.length
     length[2] = prediction.length - SHORTER * prediction.length_std
+    length[3] = np.where(rays.table[:, BOUNCES] == 0, prediction.length_std, -1.0)
     for row, key in enumerate(RayAmplitudes.keys(rays, state.surfaces.identity)):
         belief = known.get(key)
         if belief is not None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.ray_amplitudes import LEVEL_SHARE, WEAKENED
 from gridslam.world.radio import RadioModel
 
 NOTHING = 1e-9
 """Share of a path's being missed below which a measurement says nothing of it, at an offset or at all."""
-LEVEL_SHARE, WEAKENED = 0.12, 0.02
-"""Deviation of a path's amplitude from what its length makes it (1 dB), and share of those far off it."""
 
 
 def amplitude_ratio(measured: Array, expected: Array, radio: RadioModel) -> Array:
