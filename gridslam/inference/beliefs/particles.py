@@ -211,13 +211,13 @@ def turned(points: Single, belief: Belief) -> Single:
         rest - by[0] * x - by[1] * y
         for rest, by, x, y in ((uu, by_u, ux, uy), (uv, by_u, vx, vy), (vv, by_v, vx, vy))
     )
+    spreads, ahead = ((xx, xy, yy), (uu, uv, vv)), (math.cos(heading), math.sin(heading))
+    turns = [turn for spread in spreads if (turn := _turn(*spread, *ahead)) is not None]
+    if len(turns) < len(spreads):
+        return points
+    (cosine, sine), (x, y) = np.array(turns, np.float32).T[..., None], (points[::2], points[1::2])
     whole = np.empty_like(points)
-    for first, spread in ((0, (xx, xy, yy)), (2, (uu, uv, vv))):
-        turn = _turn(*spread, math.cos(heading), math.sin(heading))
-        if turn is None:
-            return points
-        (cosine, sine), (x, y) = turn, points[first : first + 2]
-        whole[first], whole[first + 1] = cosine * x - sine * y, sine * x + cosine * y
+    whole[::2], whole[1::2] = cosine * x - sine * y, sine * x + cosine * y
     return whole
 
 
