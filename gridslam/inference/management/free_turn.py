@@ -109,6 +109,16 @@ def with_turn(state: Turning, model: FilterModel) -> Turning:
     return _wider(put_back(state, model), inwards, shortened(state.turn_variance))
 
 
+def position_spread(state: State, model: FilterModel) -> float:
+    """Deviation of the position, m, of the state `with_turn`: all of it that every step asks for."""
+    xx, yy = state.belief.covariance.diagonal()[:2].tolist()
+    if state.turn_variance:  # across the way to the anchor; and along it
+        x, y = (model.places[state.turn_anchor, :2] - state.belief.mean[:2]).tolist()
+        turn, depth = state.turn_variance, shortened(state.turn_variance)
+        xx, yy = xx + turn * (y * y) + depth * (x * x), yy + turn * (x * x) + depth * (y * y)
+    return math.sqrt(xx + yy)
+
+
 def put_back(state: Turning, model: FilterModel) -> Turning:
     """The state to go on from with the turn in its belief, (M494)."""
     if not state.turn_variance:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +12,7 @@ import numpy as np
 from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
 from gridslam.inference.beliefs.calibration import Calibration
-from gridslam.inference.management.free_turn import with_turn
+from gridslam.inference.management.free_turn import position_spread
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
@@ -106,8 +105,7 @@ def conclude(
     """
     fits = np.concatenate([exchange.fit for exchange in exchanges])
     monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)
-    covariance = with_turn(state, model).belief.covariance
-    spread = math.sqrt(covariance[0, 0] + covariance[1, 1])
+    spread = position_spread(state, model)
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
     monitor = monitor.sighted(spread, telling_sights(state))  # (M533)
     health, monitor = monitor.assess(calibration, calibration_used.turned, model, spread, effective)
