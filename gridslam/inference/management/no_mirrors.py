@@ -6,6 +6,8 @@ and which lie as if they stood for the double bounce over the corner of two sure
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,29 +58,52 @@ def over_corners(
         return over
     sharp = belief.covariance.diagonal()[belief.layout.head + 1 :: 2] < SHARP_M**2
     sure = sharp & weighed & (odds > 0) & (bank.existence > WALL) & (bank.seen >= REPLACES)
-    walls = np.flatnonzero(sure)
+    walls = belief.lines[sure]
     if len(walls) < 2:
         return over
+    corners = _corners_of(walls)
     for row in untold.tolist():
         hearing = {link % len(anchors) for link in np.flatnonzero(bank.single[:, row] > LIKELIER_THAN_NOT)}
         if len(hearing) == 1:
-            over[row] = over_corner(belief.lines[row], belief.lines[walls], anchors[hearing.pop()])
+            over[row] = _lies_over(belief.lines[row], walls, corners, anchors[hearing.pop()])
     return over
 
 
 def over_corner(line: Array, walls: Array, anchor: Array) -> bool:
     """Whether a line (2,) lies as a double bounce of an anchor (2,) over two walls (W, 2) would have it."""
-    last, first = (rows.ravel() for rows in np.meshgrid(*2 * [np.arange(len(walls))], indexing="ij"))
-    normal, by_last, by_first = unit(line[0]), unit(walls[last, 0]), unit(walls[first, 0])
+    return _lies_over(line, walls, _corners_of(walls), anchor)
+
+
+class _Corners(NamedTuple):
+    """Corners of all pairs of walls: rows of the wall hit last and first (P,), sine of the angle between them
+    (P,), and where they cross, times that (P, 2) m."""
+
+    last: NDArray[np.intp]
+    first: NDArray[np.intp]
+    sine: Array
+    place: Array
+
+
+def _corners_of(walls: Array) -> _Corners:
+    last, first = np.divmod(np.arange(len(walls) ** 2), max(len(walls), 1))
+    normals = unit(walls[:, 0])
+    by_last, by_first = normals[last], normals[first]
     sine = by_last[:, 0] * by_first[:, 1] - by_last[:, 1] * by_first[:, 0]
     a, b = walls[last, 1], walls[first, 1]
-    corner = np.stack(
-        [a * by_first[:, 1] - b * by_last[:, 1], b * by_last[:, 0] - a * by_first[:, 0]], axis=1
-    )
-    through = np.abs(corner @ normal - line[1] * sine) < THROUGH_M * np.abs(sine)
-    gap = mirror(walls[last], mirror(walls[first], anchor)) - mirror(line, anchor)
-    near = np.hypot(gap[:, 0], gap[:, 1]) < AROUND_M
-    return bool((through & near & (np.abs(sine) > CROSSING)).any())
+    place = np.stack([a * by_first[:, 1] - b * by_last[:, 1], b * by_last[:, 0] - a * by_first[:, 0]], axis=1)
+    return _Corners(last, first, sine, place)
+
+
+def _lies_over(line: Array, walls: Array, corners: _Corners, anchor: Array) -> bool:
+    """`over_corner`, with the walls' corners."""
+    width = np.abs(corners.sine)
+    through = np.abs(corners.place @ unit(line[0]) - line[1] * corners.sine) < THROUGH_M * width
+    pairs = np.flatnonzero(through & (width > CROSSING))
+    if not len(pairs):
+        return False
+    last, first = walls[corners.last[pairs]], walls[corners.first[pairs]]
+    gap = mirror(last, mirror(first, anchor)) - mirror(line, anchor)
+    return bool((np.hypot(gap[:, 0], gap[:, 1]) < AROUND_M).any())
 
 
 def drop_no_mirrors(state: State, model: FilterModel, *, work: Workspace) -> State:
