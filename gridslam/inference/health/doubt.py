@@ -206,6 +206,6 @@ def places(log_weight: Sequence[float], together: Callable[[Sequence[int]], NDAr
         return 1
     near = together(rows)
     label = np.arange(len(rows))
-    for _ in rows:
-        label = np.array([label[near[k]].min() for k in range(len(rows))])
+    for _ in rows:  # each passes its number on to those beside it, the least one stays
+        label = np.where(near, label, len(rows)).min(1)
     return len(np.unique(label))

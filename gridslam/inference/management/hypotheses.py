@@ -199,10 +199,11 @@ def _split(population: Population[State], scan: Scan, model: FilterModel) -> Pop
     """The population with hypotheses split whose position is too wide to linearise what is heard about it."""
     from gridslam.inference.management.branching import LEAST_WIDTH_M, TOO_WIDE, WIDEST_M
 
-    if not len(scan):
+    narrow = TOO_WIDE * LEAST_WIDTH_M
+    if not len(scan) or all(widest(state.belief) <= narrow for state in population.states):
         return population
-    spread = [widest(off_ring(state, model)) for state in population.states]
-    if max(spread) <= TOO_WIDE * LEAST_WIDTH_M:
+    spread = [widest(off_ring(state, model)) for state in population.states]  # never wider
+    if max(spread) <= narrow:
         return population
     width = linear_width(split_by_anchor(scan, model), model.radio)
     wide = [TOO_WIDE * width < s <= WIDEST_M and k != population.guard for k, s in enumerate(spread)]
