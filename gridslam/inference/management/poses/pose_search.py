@@ -143,9 +143,11 @@ class Bounds:
 
     def holds(self, poses: Array) -> NDArray[np.bool_]:
         """Whether poses (N, 3) lie within, (N,)."""
-        there = (poses[:, :2] >= self.low[:2]).all(1) & (poses[:, :2] <= self.high[:2]).all(1)
         middle = 0.5 * (self.low[2] + self.high[2])
-        return np.asarray(there & (np.abs(wrap(poses[:, 2] - middle)) <= 0.5 * (self.high[2] - self.low[2])))
+        there = np.abs(wrap(poses[:, 2] - middle)) <= 0.5 * (self.high[2] - self.low[2])
+        for axis in (0, 1):
+            there &= (poses[:, axis] >= self.low[axis]) & (poses[:, axis] <= self.high[axis])
+        return np.asarray(there)
 
 
 def line_of_sight_poses(
@@ -196,8 +198,13 @@ def reflected_poses(terms: SnapshotTerms, draw: np.random.Generator, copies: int
 
 def near(poses: Array, centre: Array, scale: float = 1.0) -> NDArray[np.bool_]:
     """Which poses (N, 3) are in the neighbourhood of one (3,)."""
-    apart = np.hypot(poses[:, 0] - centre[0], poses[:, 1] - centre[1])
-    return np.asarray((apart < scale * APART_M) & (np.abs(wrap(poses[:, 2] - centre[2])) < scale * APART_RAD))
+    reach, there = scale * APART_M, np.zeros(len(poses), bool)
+    beside = np.abs(poses[:, 0] - centre[0]) < reach
+    beside &= np.abs(poses[:, 1] - centre[1]) < reach
+    (rows,) = beside.nonzero()  # few, of which the rest takes longer
+    x, y, turn = (poses[rows] - centre).T
+    there[rows] = (np.hypot(x, y) < reach) & (np.abs(wrap(turn)) < scale * APART_RAD)
+    return there
 
 
 def best_apart(
@@ -217,13 +224,16 @@ def best_apart(
     chosen, first, portion = list[int](), 0, PORTION
     while first < len(rows):  # where there are too many, the best portions name as many as are asked for
         left, first, portion = rows[first : first + portion], first + portion, 2 * portion
+        places = poses[left]
         for one in chosen:
-            left = left[~near(poses[left], poses[one], scale)]
+            others = ~near(places, poses[one], scale)
+            left, places = left[others], places[others]
         while len(left):
             if len(chosen) == most:
                 return chosen, True
             chosen.append(int(left[0]))
-            left = left[~near(poses[left], poses[left[0]], scale)]
+            others = ~near(places, places[0], scale)
+            left, places = left[others], places[others]
     return chosen, False
 
 
