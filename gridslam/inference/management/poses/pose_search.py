@@ -93,10 +93,10 @@ def find_modes(
     draw = np.random.default_rng(list(stream))
     mean, covariance = prior.mean[POSE], prior.covariance[np.ix_(POSE, POSE)]
     within = Bounds.of(mean, covariance, region)
-    asked = [within.uniform(draw, poses)]
-    asked += [line_of_sight_poses(terms, draw) for terms in snapshot.terms]
+    anywhere = within.uniform(draw, poses)
+    asked = [line_of_sight_poses(terms, draw) for terms in snapshot.terms]
     asked += [reflected_poses(terms, draw) for terms in snapshot.terms if terms.known is not None]
-    every = np.concatenate([part[within.holds(part)] for part in asked])
+    every = np.concatenate([anywhere, *(part[within.holds(part)] for part in asked)])
     log = snapshot.score(every, WIDEN)
     chosen, more = best_apart(every, log, SHORTLIST, 2 * cap)
     pose, spread, score = _refined(snapshot, within, every[chosen], draw)
