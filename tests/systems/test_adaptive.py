@@ -198,6 +198,16 @@ def test_a_line_of_sight_that_appears_has_that_of_free_space():
     assert loud.probability[0][nodes > 1.5 * level].sum() > 0.1
 
 
+def test_what_comes_over_floor_or_ceiling_is_no_line_of_sight():
+    """An anchor's image in a level stands after all anchors, and is heard without a bounce over walls."""
+    image = replace(
+        one_path(0.005, 4.0), rays=Rays.of(SIGNAL.senders, 0, -1, -1, np.array([0.005]), np.ones(1))
+    )
+    belief = predict_amplitudes(UNMEASURED, image, anchor_scan(), SIGNAL, work=WORK)
+    level = float(SIGNAL.amplitude(4.0))
+    assert belief.probability[0] @ belief.nodes == pytest.approx(0.5 * level, rel=0.05)
+
+
 def test_amplitudes_of_dropped_surfaces_are_forgotten():
     measured = anchor_scan(5.0, distance=3.0)
     one = replace(UNMEASURED.surfaces.add(8, 0.9, np.full(20, 0.05), 0.0, (0, -1, -1)))

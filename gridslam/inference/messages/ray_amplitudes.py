@@ -249,7 +249,8 @@ def _walked(state: State, rays: Rays, prediction: Prediction, radio: RadioModel,
     ahead = np.empty((count, size))
     length[0], length[1] = -1.0, prediction.length
     length[2] = prediction.length - SHORTER * prediction.length_std
-    length[3] = np.where(rays.table[:, BOUNCES] == 0, prediction.length_std, -1.0)
+    straight = (rays.table[:, BOUNCES] == 0) & (rays.table[:, ANCHOR] < radio.senders)  # not over a level
+    length[3] = np.where(straight, prediction.length_std, -1.0)
     for row, key in enumerate(RayAmplitudes.keys(rays, state.surfaces.identity)):
         belief = known.get(key)
         if belief is not None:
