@@ -112,7 +112,7 @@ class RadioModel:
         return self.amplitude_at_1m / np.maximum(distance, 1e-3) * reflection
 
     def distance_std(self, amplitude: Array) -> Array:
-        """sigma_d of a path, m: given, or from Fisher information."""
+        """sigma_d of a path, m: given, or from Fisher information; [Li2026grid], section III-B."""
         if self.given_distance_std is not None:
             return np.full(np.shape(amplitude), self.given_distance_std)
         return self.distance_scale / amplitude
@@ -120,8 +120,9 @@ class RadioModel:
     def angle_std(self, amplitude: Array, angle: Array, aperture: Array, steep: Array | float = 1.0) -> Array:
         """sigma of an angle seen by an array with mean square extents `aperture` (..., 2), rad.
 
-        Infinite where the array has no extent across the direction. Of a path with the cosine `steep` of its
-        elevation, a horizontal array sees that share of the difference between elements.
+        [Li2026grid], section III-B. Infinite where the array has no extent across the direction. Of a path
+        with the cosine `steep` of its elevation, a horizontal array sees that share of the difference between
+        elements.
         """
         square = np.sin(angle) ** 2 * aperture[..., 0] + np.cos(angle) ** 2 * aperture[..., 1]
         with np.errstate(divide="ignore"):
@@ -158,11 +159,11 @@ class RadioModel:
         return np.where([end in self.measures for end in ("aod", "aoa")], std, np.inf)
 
     def amplitude_std(self, amplitude: Array) -> Array:
-        """Scale sigma_u of the Rician amplitude."""
+        """Scale sigma_u of the Rician amplitude; docs/model.md, (M10)."""
         return np.sqrt(0.5 + amplitude**2 / (4 * self.samples))
 
     def detection_probability(self, amplitude: Array) -> Array:
-        """p_d(u): given, or Marcum Q of first order."""
+        """p_d(u): given, or Marcum Q of first order; [Li2026grid], section III-B."""
         if self.given_detection is not None:
             return np.full(np.shape(amplitude), self.given_detection)
         scale = self.amplitude_std(amplitude)

@@ -204,8 +204,9 @@ def propose(
 ):
     """Draw length and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
 
-    The mean of f(AoD) / span is taken over samples of agent, clocks, distance and AoA, whole blocks of them;
-    amplitude and clutter are the same for all. An AoD that wasn't measured has the density 1 / (2 pi).
+    [Li2026grid], eq. (11). The mean of f(AoD) / span is taken over samples of agent, clocks, distance and
+    AoA, whole blocks of them; amplitude and clutter are the same for all. An AoD that wasn't measured has the
+    density 1 / (2 pi).
     """
     ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
     for item in range(scan.shape[0] * whose.shape[0]):
@@ -310,7 +311,7 @@ def weigh_by_visibility(
 ):
     """Weigh births by V of their paths at the mean of the belief, [Li2026grid], eq. (1).
 
-    One ray at a time: there are few, and waking other threads takes longer than this.
+    Eq. (11) there leaves it out. One ray at a time: there are few, and waking other threads takes longer.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):

@@ -204,7 +204,8 @@ def meet_cells(
     drawn: ti.template(), first, live, count, frame: ti.template(), nx, occupied: ti.template(), slab,
     line: ti.template(), place: ti.template(),
 ):  # fmt: skip
-    """Write the cells H_b of all rays, and their chance to reflect; the grid is `nx` cells wide."""
+    """Write the cells H_b of all rays, and their chance to reflect ([Li2026grid], eq. (1)); the grid is `nx`
+    cells wide."""
     ny, per_metre = occupied.shape[1] // nx, 1 / frame[2]
     for i in range(live):
         for n in ti.static(range(PLACES)):

@@ -1,4 +1,4 @@
-"""Ray casting through grid cells and the messages to cells ([Li2026grid], eqs. (1), (2), (43)-(45)).
+"""Ray casting through grid cells and the messages to cells ([Li2026grid], eqs. (1), (2), (14), (43)-(45)).
 
 A ray is the polyline anchor, interaction points, agent. It traverses cells T and meets cells H_b at
 bounce b. The rays of one path run side by side, so they are walked together (`bundles`). Every slab
@@ -78,7 +78,10 @@ def settle(
     slab, known, hits, total, a, clip, occupied: ti.template(), sums: ti.template(), touched: ti.template(),
     message: ti.template(), news: ti.template(),
 ):  # fmt: skip
-    """Send messages to the cells that a path touches, and clear their sums: met cells, then the others."""
+    """Send messages to the cells that a path touches, and clear their sums: met cells, then the others.
+
+    [Li2026grid], section III-H: of sums over all rays, then added to those of other paths and anchors.
+    """
     row, most = 3 * slab, ti.cast(clip, ti.f32)
     for n in range(hits + known):
         cell = touched[2 * slab + 1, n] if n < hits else touched[2 * slab, n - hits]
@@ -108,7 +111,7 @@ def cast(
 ):
     """List and predict paths; cast the rays of all; add the log ratios to `message` of those that send.
 
-    Nothing is cast if no root of the covariance was found.
+    [Li2026grid], eqs. (1), (14), (43) to (45). Nothing is cast if no root of the covariance was found.
     A path sends only if it is possible at more than the least share of its states; an impossible ray has V 0.
     Beliefs about coefficients where rays meet walls are written if `products` has rows; if not, paths that
     aren't to send aren't cast, and count as impossible.

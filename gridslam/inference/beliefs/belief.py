@@ -88,6 +88,8 @@ def predict(
 ) -> Belief:  # fmt: skip
     """Near-constant velocity, random-walk heading, and jitter of every surface at its wall.
 
+    [Li2026grid], section IV-A; docs/model.md, (M16), (M17).
+
     Parameters
     ----------
     dt, acceleration, heading, shift : float; s, m/s^2, rad, m

@@ -40,6 +40,8 @@ def estimates(
 ) -> tuple[SurfaceEstimate, PathEstimate]:  # fmt: skip
     """Tables of all potential surfaces, and of the paths believed in over them as they stand.
 
+    [Li2026grid], section III-F, and the "soft" ray tracing of section IV-C.
+
     Parameters
     ----------
     at_1m : float

@@ -47,7 +47,9 @@ class Association:
 
 
 def associate(beta: Array, missed: Array, new: Array, rounds: int = ROUNDS) -> tuple[Array, Array]:
-    """Messages of the association graph, (M26); [Li2025adaptive], supporting document, section II-B 4.
+    """Messages of the association graph, (M26): [Li2026grid], section III-D.
+
+    The paper names them; they are written out in [Li2025adaptive], supporting document, section II-B 4.
 
     Parameters
     ----------

@@ -53,6 +53,8 @@ class Reflected:
 def reflected(products: Array, rays: Rays, radio: RadioModel, levels: Array | None = None) -> Reflected:
     """Amplitudes by beliefs over products of walls' coefficients (L, K), and by floor and ceiling.
 
+    [Li2026grid], eq. (2), of uncertain coefficients.
+
     Parameters
     ----------
     levels : (W, 50), optional

@@ -21,7 +21,7 @@ CHANGED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Beliefs about cells, indexed [iy, ix] from the lower left.
+    """Beliefs about cells, indexed [iy, ix] from the lower left: [Li2026grid], section III-A.
 
     Few cells are ever hit, so coefficients stand in rows of a table of their own: a state is light, and so
     are many of them.

@@ -34,7 +34,7 @@ class Polylines:
 
     @property
     def validity(self) -> Array:
-        """V of every path, [Li2026grid], eq. (1): mean over the states at which it is possible, (L,)."""
+        """V of every path, [Li2026grid], eq. (14): mean over the states at which it is possible, (L,)."""
         return self.seen[: self.count, 0]
 
 
