@@ -8,6 +8,8 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
+from types import MappingProxyType
 from typing import Any, Protocol
 
 from gridslam.inference.workspace.workspace import OTHER, Workspace
@@ -38,15 +40,16 @@ class Kernel(Protocol):
         """Launch it with numbers and arrays by name."""
 
 
-def kernels() -> dict[str, Kernel]:
-    """All Taichi kernels by name; Taichi has to run."""
+@cache
+def kernels() -> Mapping[str, Kernel]:
+    """All Taichi kernels by name, looked for once; Taichi has to run."""
     import gridslam.kernels as package
 
     found: dict[str, Kernel] = {}
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
         space = vars(importlib.import_module(module.name))
         found |= {name: f for name, f in space.items() if getattr(f, "_is_wrapped_kernel", False)}
-    return found
+    return MappingProxyType(found)
 
 
 class Stopwatch:

@@ -171,9 +171,10 @@ def lay_out(figure: Figure, times: int = 1) -> None:
 
 
 def fit_legends(figure: Figure) -> None:
-    """Legends that are wider than the figure get fewer columns; lays the figure out."""
+    """Legends that are wider than the figure, wherever they are, get fewer columns; lays the figure out."""
     lay_out(figure, LAYOUTS)
-    for legend in list(figure.legends):
+    before = list(figure.legends)
+    for legend in before:
         low = legend.get_window_extent().y0 < 0.5 * figure.bbox.height
         place: Any = f"outside {'lower' if low else 'upper'} center"
         handles, texts = legend.legend_handles, legend.get_texts()
@@ -182,14 +183,11 @@ def fit_legends(figure: Figure) -> None:
             columns -= 1
             legend.remove()
             legend = figure.legend(
-                [one for one in handles if one is not None],
-                titles,
-                loc=place,
-                ncols=columns,
-                fontsize=texts[0].get_fontsize(),
-                frameon=False,
-            )
-            lay_out(figure, LAYOUTS)
+                [one for one in handles if one is not None], titles, loc=place, ncols=columns,
+                fontsize=texts[0].get_fontsize(), frameon=False,
+            )  # fmt: skip
+    if figure.legends != before:
+        lay_out(figure, LAYOUTS)
 
 
 def inlined(figure: Figure, title: str) -> str:

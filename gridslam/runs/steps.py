@@ -106,12 +106,13 @@ def run_steps(
         Asked to stop a second time.
     """
     estimates, seconds, peak = list(before.estimates), list(before.seconds), before.peak_memory_mb
+    process = psutil.Process()  # to find out when it began takes longer than to ask for its memory
     with asked_to_stop() as stopped:
         for scan in islice(iter(scans), len(estimates), None):
             began = time.perf_counter()
             estimates.append(step(scan))
             seconds.append(time.perf_counter() - began)
-            peak = max(peak, psutil.Process().memory_info().rss / MIB)
+            peak = max(peak, process.memory_info().rss / MIB)
             try:
                 if progress is not None:
                     progress(estimates[-1], len(estimates), len(scans))
