@@ -27,6 +27,7 @@ def test_silent_steps_and_short_tables_are_left_in_peace():
     assert strides_line(np.zeros(0, int)) is None
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_check_suspects_them_and_run_notes_them(say, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rows = {name: values[HEARD.step < 12] for name, values in HEARD.columns.items()}

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 def test_two_agents_in_turn_leave_a_whole_folder(say, short_room, tmp_path):
     result = say("run", short_room, "-o", "out", "--seed", "3", "--particles", "500")
     assert (result.code, result.err) == (0, "")
@@ -119,6 +120,7 @@ def test_export_of_a_map_without_free_cells_notes_that_no_planner_can_use_it(say
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
 def test_export_and_run_say_that_a_method_without_cells_draws_walls_where_they_were_hit(say):
     assert say("run", "room", "--steps", "12", "--method", "adaptive", "-o", "lines").code == 0
     notes = json.loads(Path("lines/run.json").read_text())["notes"]

@@ -38,6 +38,7 @@ def test_samples_become_paths_and_paths_become_a_map(say, room, tmp_path, no_fig
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 def test_what_a_method_does_not_map_is_neither_scored_nor_written(say, tmp_path):
     """Hybrid SLAM and its reference map no surfaces and no cells: no OSPA of 5 m, no empty pictures."""
     whole = shortened(gs.Scene.load("screen"), 12).with_filter(particles=500)

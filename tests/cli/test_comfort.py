@@ -276,6 +276,7 @@ def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say, 
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
 def test_a_runs_folder_stands_for_its_map(say, tmp_path):
     from gridslam.cli.options import map_in
 

@@ -158,6 +158,7 @@ def test_features_are_exported_with_their_deviations(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize(("method", "called"), [("grid", "unexplained"), ("hybrid", "features")])
 def test_paths_that_no_surface_explains_are_not_exported_as_features(say, tmp_path, method, called):
     table, joint = feature_estimate(belief(), ANCHORS)
@@ -172,6 +173,7 @@ def test_paths_that_no_surface_explains_are_not_exported_as_features(say, tmp_pa
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 def test_paths_that_no_surface_explains_are_not_drawn_as_features(say, tmp_path):
     short = shortened(gs.Scene.load("room"), 6)
     (tmp_path / "short.toml").write_text(short.to_toml())

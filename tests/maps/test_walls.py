@@ -309,6 +309,7 @@ def test_no_ray_gets_through_the_walls_that_a_run_found(tmp_path, name):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
 def test_tables_geojson_and_the_command_line_show_the_stretches(say, tmp_path):
     grid = changed(street(more=[(0.3, 1.0)]), (4, 7), (1.8, 2.4), CLEAR, 0.0, True)
     grid = replace(grid, surfaces=replace(grid.surfaces, extent_m=np.array([[-12, 0], [np.nan, np.nan]])))

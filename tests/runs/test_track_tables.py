@@ -20,6 +20,7 @@ def rows_of(path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
 def test_export_of_a_folder_writes_tracks_beside_the_map(say, tmp_path):
     write(tmp_path / "out", hall())
     result = say("export", "out", "-o", "robot")

@@ -29,6 +29,7 @@ def test_paths_that_are_heard_teach_coefficients_as_those_that_are_missed_do():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
 def test_coefficients_of_which_nothing_is_known_are_not_exported_as_if_they_were(say):
     """A constant chance of detection tells nothing of them: 0.5 +-0.29 is where they began."""
     radio = 'radio = { detection_probability = 0.9, measures = ["distance", "aod", "aoa"] }\n'

@@ -104,7 +104,7 @@ def test_scene_file_of_any_name_is_read():
 
 
 @pytest.mark.slow
-def test_everything_in_a_runs_folder_is_no_name_for_an_agent(say, no_figures):
+def test_everything_in_a_runs_folder_is_no_name_for_an_agent(say, blank_figures):
     Path("tiny.toml").write_text(TINY)
     assert say("run", "tiny.toml", "--particles", "100", "-o", "out").code == 0
     assert say("report", "out", "--still").code == 0
