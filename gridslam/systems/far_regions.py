@@ -89,6 +89,7 @@ def moved_estimate(estimate: Estimate, by: Array) -> Estimate:
         return estimate
     places = replace(estimate.hypotheses, position_m=estimate.hypotheses.position_m + by)
     surfaces, _ = moved_surfaces(estimate.surfaces, by)
+    paths = replace(estimate.paths, points=estimate.paths.points + by)
     return replace(
-        estimate, position_m=estimate.position_m + by, surfaces=surfaces, hypotheses=places
-    )  # fmt: skip
+        estimate, position_m=estimate.position_m + by, surfaces=surfaces, hypotheses=places, paths=paths
+    )

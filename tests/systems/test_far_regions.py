@@ -73,6 +73,7 @@ def test_a_run_far_off_is_the_run_at_the_origin_moved(method):
     np.testing.assert_allclose(there.position_m - BY, here.position_m, atol=1e-6)
     np.testing.assert_allclose(there.hypotheses.position_m - BY, here.hypotheses.position_m, atol=1e-6)
     np.testing.assert_allclose(there.covariance, here.covariance, rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(there.paths.points - BY, here.paths.points, atol=1e-5)
     assert len(here.surfaces) > 3
     same_surfaces(there.surfaces, here.surfaces)
     same_surfaces(far.map().surfaces, near.map().surfaces)
@@ -188,6 +189,7 @@ def test_agents_whose_clocks_are_open_are_where_they_were_moved_to():
     (near, here), (far, there) = (network_run(scene) for scene in (EXCHANGE, moved_scene(EXCHANGE, BY)))
     for name, own in here.agents.items():
         np.testing.assert_allclose(there.agents[name].position_m - BY, own.position_m, atol=1e-5)
+        np.testing.assert_allclose(there.agents[name].paths.points - BY, own.paths.points, atol=1e-5)
     np.testing.assert_allclose(there.offset_s, here.offset_s, atol=1e-13)
     assert len(near.map().surfaces) == 4
     same_surfaces(far.map().surfaces, near.map().surfaces)
@@ -208,6 +210,7 @@ def test_samples_far_off_say_what_they_say_at_the_origin(name, method):
         ends.append((estimate, slam.map()))
     (here, near), (there, far) = ends
     np.testing.assert_allclose(there.position_m - BY, here.position_m, atol=1e-5)
+    np.testing.assert_allclose(there.paths.points - BY, here.paths.points, atol=1e-4)
     same_surfaces(there.surfaces, here.surfaces)
     if near.features is not None:
         np.testing.assert_allclose(far.features.position_m - BY, near.features.position_m, atol=1e-5)
