@@ -127,7 +127,7 @@ def take_turns(
                     loosened(state.having(agent, part)), agent, info.exchanges, model
                 )  # (M102)
             else:
-                state, info = state.apart(agent, part), info.doubted(ASTRAY)
+                state, info = state.apart(agent, part), replace(info.doubted(ASTRAY), teaches=False)
             if state.clocks.adrift(agent):
                 info = info.doubted(CLOCK_OPEN)
             elif state.clocks.contested(agent):

@@ -58,6 +58,8 @@ class StepInfo:
         By which the anchors were taken to be turned.
     gain : float
         Ratio of true to stated amplitude that was used.
+    teaches : bool
+        Whether what several agents share took anything from it: new surfaces of one that is lost are gone.
     """
 
     exchanges: Sequence[Any]
@@ -66,6 +68,7 @@ class StepInfo:
     found_again: bool
     turned: Array
     gain: float
+    teaches: bool = True
 
     @cached_property
     def log_evidence(self) -> float:

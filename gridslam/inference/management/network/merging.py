@@ -33,7 +33,8 @@ def merge_and_prune_shared(
         How many surfaces are kept at most.
     """
     one = model.agents[0]
-    exchanges = [exchange for info in infos if info is not None for exchange in info.exchanges]
+    told = [info for info in infos if info is not None and info.teaches]
+    exchanges = [exchange for info in told for exchange in info.exchanges]
     bank, belief = merge(state.surfaces, state.belief, partial(known_apart, state.surfaces, exchanges))
     if one.max_bounces > 1:
         bank, belief = drop_ghosts(bank, belief, np.tile(one.anchor_positions, (len(model.agents), 1)))
