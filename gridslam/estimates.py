@@ -40,7 +40,8 @@ class Health:
     explained : float
         Share of the measurements too loud for clutter that known paths explain, over some ten steps.
     clutter : (J,)
-        Clutter heard per anchor and step, as estimated.
+        Clutter heard per anchor and step, as estimated; where no measurement says whose it is, the last
+        number is that of all anchors together.
     amplitude : float
         Ratio of the lines of sight's amplitude to what the scene's SNR implies, as estimated.
     turned_rad : (J,) rad
