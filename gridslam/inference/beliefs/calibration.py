@@ -81,9 +81,14 @@ class Calibration:
     @property
     def gain(self) -> float:
         """Ratio of true to stated amplitude; 1 unless it differs beyond doubt."""
-        ratio, doubt = self.pull / self.weight, 1 / math.sqrt(self.weight)
-        sure = abs(ratio - 1) > BEYOND_DOUBT * doubt
-        return min(max(ratio, LEAST_GAIN), MOST_GAIN) if sure else 1.0
+        ratio, doubt = self.loudness
+        return ratio if abs(self.pull / self.weight - 1) > BEYOND_DOUBT * doubt else 1.0
+
+    @property
+    def loudness(self) -> tuple[float, float]:
+        """Ratio of true to stated amplitude, beyond doubt or not, and its deviation."""
+        ratio = self.pull / self.weight
+        return min(max(ratio, LEAST_GAIN), MOST_GAIN), 1 / math.sqrt(self.weight)
 
     @cached_property
     def turned(self) -> Array:

@@ -8,6 +8,7 @@ both told. Nodes stand densely enough for the amplitude's noise at any strength.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -130,8 +131,9 @@ def predict_amplitudes(
 
     A ray that was there walks on, eq. (13), about what free space makes of its new length: near an anchor an
     amplitude doubles within a few steps. One that appears now may have any amplitude up to that of free space
-    at the least length that it may have; a line of sight, but for one in fifty, has that of its length. Where
-    amplitudes are neither measured nor told by what is missed, there is nothing to keep.
+    at the least length that it may have; a line of sight, but for one in fifty, has that of its length, as
+    surely as others have told how loud they are. Where amplitudes are neither measured nor told by what is
+    missed, there is nothing to keep.
     """
     if radio.given_detection is not None and not require(state).known and np.isnan(scan.amplitude).all():
         return Unmeasured(np.ones((len(paths.rays), 1)), np.array([UNKNOWN_SHARE * radio.amplitude_at_1m]))
@@ -240,7 +242,7 @@ def require(state: State) -> RayAmplitudes:
 def _walked(state: State, rays: Rays, prediction: Prediction, radio: RadioModel, work: Workspace) -> Array:
     """Beliefs one step ahead (L, K)."""
     runtime.start()
-    from gridslam.kernels.messages.histograms import walk
+    from gridslam.kernels.messages.histograms import AT_1M, LEVEL, walk
 
     known, model = require(state).known, AmplitudeModel.of(radio)
     count, size = len(rays), len(model.nodes)
@@ -255,7 +257,10 @@ def _walked(state: State, rays: Rays, prediction: Prediction, radio: RadioModel,
         belief = known.get(key)
         if belief is not None:
             before[row], length[0, row] = belief
-    walk(before, length, rays.existence, model.table, model.number, scratch, ahead)
+    number, (gain, doubt) = model.number.copy(), state.calibration.loudness
+    number[AT_1M] *= gain
+    number[LEVEL] = math.hypot(LEVEL_SHARE, doubt)
+    walk(before, length, rays.existence, model.table, number, scratch, ahead)
     return ahead
 
 
