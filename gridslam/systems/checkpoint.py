@@ -44,6 +44,7 @@ def write_checkpoint(slam: Any, path: str | os.PathLike[str]) -> None:
             "seed": slam.seed,
             "provenance": json.dumps(slam.provenance),
             "identity": str(slam.now.identity),
+            "origin_m": _origin_of(slam),
         }
         put_attributes(file.create_group("run"), attributes)
         put_value(file, "believed", slam.now.believed)
@@ -73,6 +74,10 @@ def read_checkpoint(path: str | os.PathLike[str], system: Any) -> Any:
         waveform = get_value(file, "waveform", Waveform | None)
         more = {} if waveform is None else {"waveform": waveform}
         slam = system(scene, agent=agent, seed=int(str(known["seed"])), **more)
+        began = str(known.get("origin_m", "0 0"))  # earlier versions: that of the scene, or far off not told
+        if began != _origin_of(slam):
+            allowed = f"({_origin_of(slam)}) m, as this version has it for a region so far off: made anew"
+            raise InputError(f"{path}: /run/origin_m", f"({began}) m", allowed)
         fresh = slam.now.believed
         kind = fresh.kind if isinstance(fresh, Population) else type(fresh)
         believed = get_value(file, "believed", kind)
@@ -82,6 +87,11 @@ def read_checkpoint(path: str | os.PathLike[str], system: Any) -> Any:
         slam.provenance, identity = _read_origin(known, str(path))
         slam.now = slam.now._replace(believed=believed, identity=identity)
         return slam
+
+
+def _origin_of(slam: Any) -> str:
+    """About where a filter reckons, x and y in m; see `gridslam.systems.far_regions`."""
+    return " ".join(f"{value:g}" for value in slam.model.origin_m.tolist())
 
 
 def _read_inherited(file: h5py.File, scene: Scene) -> Map:

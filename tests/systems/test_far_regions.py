@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import gridslam as gs
+from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.evaluation.bounds import unknown_map_bound
 from gridslam.evaluation.network_bounds import network_bound
@@ -116,6 +118,15 @@ def test_a_checkpoint_far_off_is_gone_on_from(tmp_path):
     one, two = slam.step(HEARD[8]), other.step(HEARD[8])
     np.testing.assert_array_equal(one.position_m, two.position_m)
     np.testing.assert_array_equal(slam.map().surfaces.line, other.map().surfaces.line)
+
+
+def test_a_checkpoint_that_reckons_about_elsewhere_is_refused(tmp_path):
+    """Versions before reckoned about the origin, and their checkpoints didn't say so."""
+    ended(THERE, "network", steps=2)[0].save(tmp_path / "far.h5")
+    with h5py.File(tmp_path / "far.h5", "r+") as file:
+        del file["run"].attrs["origin_m"]
+    with pytest.raises(InputError, match=r"far.h5: /run/origin_m: found \(0 0\) m; allowed: \(250 -80\) m"):
+        gs.NetworkSlam.resume(tmp_path / "far.h5")
 
 
 def test_where_the_region_holds_the_origin_nothing_is_moved():
