@@ -116,7 +116,7 @@ def early_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
     return notes
 
 
-def scene_notes(world: Scene) -> list[str]:
+def radio_notes(world: Scene) -> list[str]:
     """What of the scene's radio can hardly be meant."""
     from gridslam.checks.scene_lines import implausible_radio
 

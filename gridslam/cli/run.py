@@ -17,7 +17,7 @@ from gridslam.cli.doubts import (
     height_notes,
     jolt_notes,
     map_notes,
-    scene_notes,
+    radio_notes,
     silence_notes,
     whole_walls_notes,
 )
@@ -191,7 +191,7 @@ def _concluded(
 
     world, file = asked.world, plan.first
     notes = [
-        lambda: scene_notes(world) + height_notes(runs) + jolt_notes(world, runs),
+        lambda: radio_notes(world) + height_notes(runs) + jolt_notes(world, runs),
         lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs),
         lambda: silence_notes(world, given, runs, observations, asked.map_file),
     ]

@@ -74,9 +74,9 @@ def read_checkpoint(path: str | os.PathLike[str], system: Any) -> Any:
         waveform = get_value(file, "waveform", Waveform | None)
         more = {} if waveform is None else {"waveform": waveform}
         slam = system(scene, agent=agent, seed=int(str(known["seed"])), **more)
-        began = str(known.get("origin_m", "0 0"))  # earlier versions: that of the scene, or far off not told
+        began = str(known.get("origin_m", "0 0"))  # earlier versions didn't say
         if began != _origin_of(slam):
-            allowed = f"({_origin_of(slam)}) m, as this version has it for a region so far off: made anew"
+            allowed = f"({_origin_of(slam)}) m: one that was made by this version"
             raise InputError(f"{path}: /run/origin_m", f"({began}) m", allowed)
         fresh = slam.now.believed
         kind = fresh.kind if isinstance(fresh, Population) else type(fresh)

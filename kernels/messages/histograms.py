@@ -70,7 +70,9 @@ def walk(
             any_level = number[WEAKENED] if length[3, row] >= 0 else 1.0
             for n in range(last + 1):
                 total += table[GAP, n] if table[NODES, n] <= reach else 0.0
-                free += of_free_space(row, length, number, table, n) if any_level < 1 else 0.0
+                density = of_free_space(row, length, number, table, n) if any_level < 1 else 0.0
+                ahead[row, n] = density
+                free += density
             share = ti.f64(1.0)  # of a ray that appears: any amplitude up to that, or free space's
             if length[0, row] >= 0:
                 rescale(earlier, row, length[0, row] / far, number, table, scratch)
@@ -79,7 +81,8 @@ def walk(
             for n in range(last + 1):
                 fresh = any_level * table[GAP, n] / total if table[NODES, n] <= reach else 0.0
                 if any_level < 1:
-                    fresh += (1 - any_level) * of_free_space(row, length, number, table, n) / free
+                    density = ahead[row, n]
+                    fresh += (1 - any_level) * density / free
                 ahead[row, n] = share * fresh
             for n in range(last + 1 if share < 1 else 0):
                 walked = scratch[n] * table[STAY, n]

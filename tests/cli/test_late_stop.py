@@ -49,7 +49,7 @@ def kept(agent="agent1", steps=3):
 def test_stopped_in_its_notes_a_run_keeps_all_else(tiny, monkeypatch, number):
     """It was lost as a whole: notes were made before anything was written, and nothing caught it there."""
     assert tiny("simulate", "tiny.toml", "--agent", "agent1", "-o", "heard.csv").code == 0
-    monkeypatch.setattr("gridslam.cli.run.scene_notes", lambda world: ["made before"])
+    monkeypatch.setattr("gridslam.cli.run.radio_notes", lambda world: ["made before"])
     cut_short(monkeypatch, "gridslam.cli.run", "fit_notes", number)
     told = tiny(*ONE, "--measurements", "heard.csv")
     code, word = STOPPED[number]

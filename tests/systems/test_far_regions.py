@@ -183,7 +183,7 @@ AGENTS = ("agent1", "agent2", "agent3")
 
 
 def network_run(scene, steps=16):
-    """Three agents that measurements tell apart, anchors and clocks that nothing does; starts told."""
+    """Three agents; anchors that measurements don't tell apart, clocks that nobody set; starts told."""
     slam = gs.NetworkSlam(scene, agents=AGENTS, seed=2)
     heard = gs.simulate(EXCHANGE, AGENTS, 4, unlabelled=True)
     tracks = {name: scene.track(name) for name in AGENTS}
@@ -211,7 +211,7 @@ def test_agents_whose_clocks_are_open_are_where_they_were_moved_to():
     [("overlap", gs.DirectSlam), ("chamber", gs.DirectGridSlam), ("screen", KnownHybridSlam)],
 )
 def test_samples_far_off_say_what_they_say_at_the_origin(name, method):
-    """Features are places already: such methods need no middle."""
+    """By surfaces about the region's middle; by images and learned features, which are places, anyhow."""
     ends = []
     for scene in (gs.Scene.load(name), moved_scene(gs.Scene.load(name), BY)):
         heard = gs.simulate(scene, scene.agents[0].name, 4, what="signal")
