@@ -173,18 +173,23 @@ def test_particles_keep_the_share_of_silvermans_rule():
         assert Particles(count, 0).ask(slam.state.belief) == (count, pytest.approx(kept))
 
 
-def test_births_of_one_measurement_equal_a_quadrature_over_all_lines():
+@pytest.mark.parametrize("missing", [None, 1, 2], ids=["both angles", "no AoD", "no AoA"])
+def test_births_of_one_measurement_equal_a_quadrature_over_all_lines(missing):
     """I = integral over lines (angle, offset) of births x f(distance, AoD, AoA, amplitude) over clutter.
 
     Lines are born uniformly over those that cross the region's circle, 2 pi R rad m of them (each line once),
     R = 7 sqrt(2) = 9.8995 m; clutter is 2 per scan, uniform over 60 m and both angles, and its amplitude
-    has the density 2 u exp(-(u^2 - u_de^2)) above the threshold.
+    has the density 2 u exp(-(u^2 - u_de^2)) above the threshold. What isn't measured has the density
+    1 / 2 pi.
     """
     still = {"position_m": 0.0, "velocity_mps": 0.0, "heading_deg": 0.0}
     scene = scene_of(prior=still, filter={"births": 0.1, "particles": 512})
     z = np.array([8.55, np.radians(-20.0), np.radians(80.0)])  # near what a wall y = 6 would cause
     amplitude, at_1m, threshold = 3.0, 10**1.5, 10**0.3
-    scan = gs.Scan(0, 0.0, np.zeros(1, np.intp), *(np.array([value]) for value in (*z, amplitude)))
+    heard: list[np.ndarray | None] = [np.array([value]) for value in (*z, amplitude)]
+    if missing is not None:
+        heard[missing] = None
+    scan = gs.Scan(0, 0.0, np.zeros(1, np.intp), *heard)
     slam = method_class("adaptive")(scene)
     slam.step(scan)
     (exchange,) = slam.info.exchanges
@@ -202,7 +207,10 @@ def test_births_of_one_measurement_equal_a_quadrature_over_all_lines():
     aod = np.arctan2(mirrored[..., 1], mirrored[..., 0]) - north
     aoa = np.arctan2(back[..., 1], back[..., 0]) - facing
     gap = (np.stack([distance, aod, aoa], -1) - z) / std
-    density = np.exp(-0.5 * (gap**2).sum(-1)) / np.prod(np.sqrt(2 * np.pi) * std)
+    density = np.exp(-0.5 * gap**2) / (np.sqrt(2 * np.pi) * std)
+    if missing is not None:
+        density[..., missing] = 1 / (2 * np.pi)
+    density = density.prod(-1)
     density *= offset > normal @ agent  # agent and anchor are on the same side
     area = 0.8 / 800 * 3.0 / 800
     born = 0.1 / (2 * np.pi * 7 * np.sqrt(2))

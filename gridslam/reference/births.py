@@ -51,37 +51,44 @@ def _proposed(
     level = np.where(silent[:, None], 1.0, density) / clutter(scan[:, 6], radio)[:, None]
     common, least = rate * length, np.maximum(FAINT, EXPLAINED * explained)
     most = common * (level.max(1) if len(known) > 1 else level[:, 0]) / np.sqrt(2 * np.pi)
-    keep = (most > least * np.minimum(std[:, 1], WIDEST)) & (scan[:, [3, 5]] >= 0).all(1)
+    departs, arrives = scan[:, 4] >= 0, scan[:, 5] >= 0
+    keep = most > least * np.where(arrives, np.minimum(std[:, 1], WIDEST), WIDEST)
+    keep &= (scan[:, 3] >= 0) & (arrives | departs)
     keep &= length > abs(place[3])
     keep &= (scan[:, 9] < 0) | (scan[:, 9] == anchor)
     weight = np.zeros((len(scan), len(known)))
     late_by = len(state) - (head - AGENT) + anchor
     clock = state[late_by] if clocked(head, places) else np.zeros(state.shape[1])
-    measurement = np.concatenate([scan[keep, :3], std[keep]], 1)
+    measurement = np.concatenate([scan[keep, :3], std[keep], arrives[keep, None]], 1)
     weight[keep] = likely(state[: len(state) - (head - AGENT)], clock, noise, measurement, known, place)
     ratio = common[:, None] * level[:, double.astype(int)] * weight * np.where(double, DOUBLE_SHARE, 1.0)
     lines, line = mean[head:].reshape(-1, 2), np.zeros((*ratio.shape, 2))
     for m, h in np.argwhere(ratio > least[:, None]):
-        last, first = known[h]
-        image = mean[:2] + level_of(length[m], place[3]) * unit(mean[4] + scan[m, 2])
-        source = mirror(lines[first], place[:2]) if first >= 0 else place[:2]
-        line[m, h] = line_between(source, mirror(lines[last], image) if last >= 0 else image)
+        (near, far), ends, bearing = known[h], (mean[:2], place[:2]), mean[4] + scan[m, 2]
+        if not arrives[m]:
+            near, far, ends, bearing = far, near, ends[::-1], place[2] + scan[m, 1]
+        image = ends[0] + level_of(length[m], place[3]) * unit(bearing)
+        source = mirror(lines[far], ends[1]) if far >= 0 else ends[1]
+        line[m, h] = line_between(source, mirror(lines[near], image) if near >= 0 else image)
     return np.where(ratio > least[:, None], ratio, 0.0), line
 
 
 def likely(state: Array, clock: Array, noise: Array, scan: Array, known: Whole, place: Array) -> Array:
-    """Mean of f(AoD) / span for measurements with deviations (M, 6) and hypotheses, (M, H)."""
+    """Mean of f(AoD) / span for measurements with deviations, (M, 6) and whether they have an AoA, (M, H)."""
     samples = min(state.shape[1], noise.shape[1])
     state, clock, noise = state[:, :samples], clock[:samples], noise[:, :samples]
     agent, weight = state[:3], np.zeros((len(scan), len(known)))
     surfaces, anchor = lines_of(state), np.broadcast_to(place[:2], (samples, 2))
-    for m, (distance, departure, arrival, distance_std, departure_std, arrival_std) in enumerate(scan):
-        reach = distance + distance_std * noise[0] - clock
-        bearing = arrival + arrival_std * noise[1] + agent[2]
-        image = agent[:2].T + level_of(reach, place[3])[:, None] * unit(bearing)
+    for m, (distance, departure, arrival, *std, arrives) in enumerate(scan):
+        reach, ends = distance + std[0] * noise[0] - clock, [agent[:2].T, anchor]
+        bearing = arrival + std[2] * noise[1] + agent[2]
+        if not arrives:
+            ends, bearing = ends[::-1], departure + std[1] * noise[1] + place[2]
+        image = ends[0] + level_of(reach, place[3])[:, None] * unit(bearing)
         for h, (last, first) in enumerate(known):
-            end = mirror(surfaces[last], image) if last >= 0 else image
-            source = mirror(surfaces[first], anchor) if first >= 0 else anchor
+            near, far = (last, first) if arrives else (first, last)
+            end = mirror(surfaces[near], image) if near >= 0 else image
+            source = mirror(surfaces[far], ends[1]) if far >= 0 else ends[1]
             span = np.linalg.norm(end - source, axis=1)
             normal = (end - source) / np.maximum(span, 1e-12)[:, None]
             fresh = np.stack(
@@ -96,9 +103,9 @@ def likely(state: Array, clock: Array, noise: Array, scan: Array, known: Whole, 
                 np.full(samples, 2 if double else 1),
             )
             density = np.full(samples, 1 / (2 * np.pi))
-            if departure_std < 1e6:
-                gap = wrap(departure - (drawn.departure - place[2])) / departure_std
-                density = np.exp(-0.5 * gap**2) / (departure_std * np.sqrt(2 * np.pi))
+            if arrives and std[1] < 1e6:
+                gap = wrap(departure - (drawn.departure - place[2])) / std[1]
+                density = np.exp(-0.5 * gap**2) / (std[1] * np.sqrt(2 * np.pi))
             good = drawn.valid & (span > 1e-2) & (reach > abs(place[3]))
             weight[m, h] = np.where(good, density / np.maximum(span, 1e-12), 0.0).mean()
     return weight
@@ -108,7 +115,7 @@ def weigh_by_visibility(
     mean: Array, head: int, places: Array, wide: int, occupied: Array, frame: Array, born: Whole,
     proposal: Array,
 ) -> Array:  # fmt: skip
-    """Twin of `births.weigh_by_visibility`: weighed births (B,)."""
+    """Twin of `birth_visibility.weigh_by_visibility`: weighed births (B,)."""
     occupied = occupied.reshape(2, -1, wide)
     lines, worth = mean[head:].reshape(-1, 2), 0.3 * proposal[: born[0, 0], 2]
     for b, (_, last, first, anchor) in enumerate(born[1 : 1 + born[0, 0]]):
@@ -145,21 +152,26 @@ def initialise_surface(
     std = deviations(np.array([max(strength, FAINTEST)]), value[None, 1:], radio, steep)[0]
     std = np.where(scan[m, 3:6] > 0, scan[m, 3:6], std)
     known_line = mean[line_of(known)] if known >= 0 else np.zeros(2)
+    arrives = scan[m, 5] >= 0
+    seen = 2 if arrives else 1  # the angle that it is made of
 
     def lines_by(inputs: Array) -> Array:
-        """Lines (n, 2) by x, y, heading, distance, AoA, and the known line, (n, 7)."""
-        other = inputs[:, 5:]
-        image = inputs[:, :2] + level_of(inputs[:, 3], height)[:, None] * unit(inputs[:, 2] + inputs[:, 4])
-        source = mirror(other, place) if first >= 0 else np.broadcast_to(place, other.shape)
-        return line_between(source, mirror(other, image) if last >= 0 else image)
+        """Lines (n, 2) by x, y, heading, distance, angle, and the known line, (n, 7)."""
+        other, bearing = inputs[:, 5:], inputs[:, 2] + inputs[:, 4]
+        ends, near, far = [inputs[:, :2], np.broadcast_to(place, other.shape)], last, first
+        if not arrives:
+            ends, near, far, bearing = ends[::-1], first, last, facing + inputs[:, 4]
+        image = ends[0] + level_of(inputs[:, 3], height)[:, None] * unit(bearing)
+        source = mirror(other, ends[1]) if far >= 0 else ends[1]
+        return line_between(source, mirror(other, image) if near >= 0 else image)
 
     def ends_over(lines: Array) -> tuple[Array, Array, Array, Array, NDArray[np.intp]]:
         agents, sources, others = (np.broadcast_to(x, (len(lines), 2)) for x in (mean[:2], place, known_line))
         bounces = np.full(len(lines), 1 if known < 0 else 2)
         return agents, sources, (others if last >= 0 else lines), (others if first >= 0 else lines), bounces
 
-    inputs = np.concatenate([mean[[0, 1, 4]], value[[0, 2]], known_line])
-    at, departs = inputs.copy(), scan[m, 4] >= 0 and std[1] < 1e6
+    inputs = np.concatenate([mean[[0, 1, 4]], value[[0, seen]], known_line])
+    at, departs = inputs.copy(), arrives and scan[m, 4] >= 0 and std[1] < 1e6
     wide = np.hypot(std[2], np.sqrt(covariance[4, 4]))
     for reach in (REACH, 2 * REACH / TRIALS) if departs else ():
         trials = np.tile(at, (TRIALS, 1))
@@ -182,7 +194,7 @@ def initialise_surface(
         by_state[:, line_of(known)] = derivative[:, 5:]
     back = derivative[:, 4] * wrap(inputs[4] - at[4])
     belief = Belief(mean, covariance, layout.clocks)
-    fresh = give_birth(belief, line[0] + back, by_state, derivative[:, 3:5], np.square(std[[0, 2]]))
+    fresh = give_birth(belief, line[0] + back, by_state, derivative[:, 3:5], np.square(std[[0, seen]]))
     if departs:
         traced, jacobian = trace(*ends_over(line)), np.zeros((1, size + 2))
         jacobian[0, :2] = traced.jacobian[0, 1, :2]
@@ -202,5 +214,6 @@ def initialise_surface(
     )  # fmt: skip
     late_by = float(late(fresh.mean, head, anchor, places))
     missed = abs(scan[m, 0] - late_by - path.distance[0]) / std[0]
-    missed = max(missed, abs(wrap(scan[m, 2] - path.arrival[0] + fresh.mean[4])) / std[2])
+    angle = path.arrival[0] - fresh.mean[4] if arrives else path.departure[0] - facing
+    missed = max(missed, abs(wrap(scan[m, seen] - angle)) / std[seen])
     return fresh.mean, fresh.covariance, density / density.sum(), float(missed)

@@ -60,7 +60,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)
         cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, level = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
-        births, ratios = propose_births(state, anchor_scan, cloud, ratios, level, model, work=work)
+        births, ratios = propose_births(
+            state, ranging.of_arrivals(anchor_scan), cloud, ratios, level, model, work=work
+        )  # fmt: skip
         given, tentative = ranging.associate_with_rings(state, anchor_scan, ratios, radio, model)
         state, exchange = update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, given, work=work

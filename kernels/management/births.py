@@ -3,7 +3,7 @@
 import taichi as ti
 
 from gridslam.kernels import FAINTEST, PATH_BLOCK, USUAL_REFLECTION
-from gridslam.kernels.primitives.blocks import Anchors, BirthRows, Sketch
+from gridslam.kernels.primitives.blocks import Anchors, BirthRows
 from gridslam.kernels.primitives.device import ON_CPU
 from gridslam.kernels.primitives.functions import (
     TURN,
@@ -20,7 +20,7 @@ from gridslam.kernels.primitives.functions import (
     wrapped,
 )
 from gridslam.kernels.primitives.launching import copying
-from gridslam.kernels.primitives.layout import HEADING, anchor_of, line_entry, lines_in, rise_of, unknown_row
+from gridslam.kernels.primitives.layout import HEADING, anchor_of, line_entry, rise_of, unknown_row
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import (
     AT_1M,
@@ -32,9 +32,7 @@ from gridslam.kernels.primitives.radio import (
     rician,
 )
 from gridslam.kernels.primitives.tables import EXPLAINED, LABEL, NEW
-from gridslam.kernels.propagation.bundles import lay_leg, meet_cells, rows_alone
 from gridslam.kernels.propagation.coefficients import BINS
-from gridslam.kernels.propagation.paths import draw_path, stand_at
 
 BLOCK = PATH_BLOCK
 ROOT_TURN = 2.5066282746310002
@@ -42,8 +40,6 @@ CLOSE = 1e-4
 """Square of the distance (m^2) between a virtual and its anchor below which no line is made of them."""
 FAINT, SLIGHT = 1e-3, 1e-3
 """Ratios to clutter, and to the measurement's known causes, below which a birth isn't looked at."""
-ELSEWHERE = 0.3
-"""V of a birth whose path is impossible at the mean: elsewhere it isn't, or it wouldn't be one."""
 DOUBLE_SHARE = 0.5
 """Births by each kind of double bounce over births by single bounces."""
 HIGHEST = 1.0
@@ -78,16 +74,23 @@ def known_std(radio: ti.template(), anchor, scan: ti.template(), m, amplitude, l
 
 
 @ti.func
-def line_of(mean: ti.template(), head, length, arrival, place, last, first):
-    """Angle and offset of the new line that explains a length and an AoA at the mean of the belief."""
-    bearing, level = mean[HEADING] + arrival, level_of(length, place[4])
-    vx, vy = mean[0] + level * cos_of(bearing), mean[1] + level * sin_of(bearing)
-    sx, sy = place[0], place[1]
-    if last >= 0:
-        entry = line_entry(head, last)
+def line_of(mean: ti.template(), head, length, angle, arrives, place, last, first):
+    """Angle and offset of the new line that explains a length and an angle at the mean of the belief.
+
+    The angle is an AoA if it `arrives`, else an AoD: the same path from its other end.
+    """
+    bearing, level, near, far = mean[HEADING] + angle, level_of(length, place[4]), last, first
+    vx, vy, sx, sy = mean[0], mean[1], place[0], place[1]
+    if not arrives:
+        bearing, near, far = place[2] + angle, first, last
+        vx, vy, sx, sy = place[0], place[1], mean[0], mean[1]
+    vx += level * cos_of(bearing)
+    vy += level * sin_of(bearing)
+    if near >= 0:
+        entry = line_entry(head, near)
         vx, vy = mirrored(vx, vy, cos_of(mean[entry]), sin_of(mean[entry]), mean[entry + 1])
-    if first >= 0:
-        entry = line_entry(head, first)
+    if far >= 0:
+        entry = line_entry(head, far)
         sx, sy = mirrored(sx, sy, cos_of(mean[entry]), sin_of(mean[entry]), mean[entry + 1])
     span = ti.max(ti.sqrt((vx - sx) ** 2 + (vy - sy) ** 2), 1e-12)
     nx, ny = (vx - sx) / span, (vy - sy) / span
@@ -106,38 +109,42 @@ def halfway(vx, vy, sx, sy):
 
 @ti.func
 def likely(
-    at, last, first, state: ti.template(), end_x: ti.template(), end_y: ti.template(), there: ti.template(),
-    ax, ay, departure, std,
+    at, near, far, state: ti.template(), ends: ti.template(), end_x: ti.template(), end_y: ti.template(),
+    there: ti.template(), angle, std,
 ):  # fmt: skip
-    """Sum of f(AoD) / span over the samples from `at` on, whose images are given, for one hypothesis."""
+    """Sum of f(angle at the far end) / span over the samples from `at` on, for one hypothesis.
+
+    Rows of `ends` are x and y of the end that a sample is seen from, and of the other one, whose image stands
+    at (end_x, end_y). `near` and `far` are the known surfaces next to these ends, -1 for the new one.
+    """
     wx, wy, weight = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-    s = 3 + 3 * ti.max(last, first)
+    s = 3 + 3 * ti.max(near, far)
     if s < 3:
         for i in range(BLOCK):
-            k = at + i
-            nx, ny, c, per_metre = halfway(end_x[i], end_y[i], ax, ay)
-            _, _, x, y, ok = single_bounce(state[0, k], state[1, k], ax, ay, nx, ny, c)
-            wx[i], wy[i], weight[i] = x, y, ok * per_metre
-    elif last >= 0:
+            x, y, far_x, far_y = ends[0, i], ends[1, i], ends[2, i], ends[3, i]
+            nx, ny, c, per_metre = halfway(end_x[i], end_y[i], far_x, far_y)
+            _, _, tx, ty, ok = single_bounce(x, y, far_x, far_y, nx, ny, c)
+            wx[i], wy[i], weight[i] = tx, ty, ok * per_metre
+    elif near >= 0:
         for i in range(BLOCK):
-            k = at + i
+            k, x, y, far_x, far_y = at + i, ends[0, i], ends[1, i], ends[2, i], ends[3, i]
             ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
             vx, vy = mirrored(end_x[i], end_y[i], ex, ey, e)
-            nx, ny, c, per_metre = halfway(vx, vy, ax, ay)
-            _, _, x, y, ok = double_bounce(state[0, k], state[1, k], ax, ay, ex, ey, e, nx, ny, c)
-            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+            nx, ny, c, per_metre = halfway(vx, vy, far_x, far_y)
+            _, _, tx, ty, ok = double_bounce(x, y, far_x, far_y, ex, ey, e, nx, ny, c)
+            wx[i], wy[i], weight[i] = tx, ty, ok * per_metre
     else:
         for i in range(BLOCK):
-            k = at + i
+            k, x, y, far_x, far_y = at + i, ends[0, i], ends[1, i], ends[2, i], ends[3, i]
             ex, ey, e = state[s, k], state[s + 1, k], state[s + 2, k]
-            sx, sy = mirrored(ax, ay, ex, ey, e)
+            sx, sy = mirrored(far_x, far_y, ex, ey, e)
             nx, ny, c, per_metre = halfway(end_x[i], end_y[i], sx, sy)
-            _, _, x, y, ok = double_bounce(state[0, k], state[1, k], ax, ay, nx, ny, c, ex, ey, e)
-            wx[i], wy[i], weight[i] = x, y, ok * per_metre
+            _, _, tx, ty, ok = double_bounce(x, y, far_x, far_y, nx, ny, c, ex, ey, e)
+            wx[i], wy[i], weight[i] = tx, ty, ok * per_metre
     total = 0.0
     if std < 1e6:
         for i in range(BLOCK):
-            gap = wrapped(departure - angle_of(wx[i], wy[i])) / std
+            gap = wrapped(angle - angle_of(wx[i], wy[i])) / std
             total += there[i] * weight[i] * exp_of(-0.5 * gap * gap)
         total /= std * ROOT_TURN
     else:
@@ -145,33 +152,6 @@ def likely(
             total += there[i] * weight[i]
         total /= TURN
     return total
-
-
-@ti.func
-def alone(
-    drawn: ti.template(), count, nx, occupied: ti.template(), frame: ti.template(), line: ti.template(),
-    place: ti.template(),
-):  # fmt: skip
-    """V of the one ray that is drawn: a bundle of one, which needs none of what makes bundles fast."""
-    ny = occupied.shape[1] // nx
-    meet_cells(drawn, 0, 1, count, frame, nx, occupied, 0, line, place)
-    through = line[0, 0, 0] * line[0, 1, 0]
-    start, stop, entry, leave = ti.Vector([0]), ti.Vector([0]), ti.Vector([0]), ti.Vector([0])
-    base, slope = ti.Vector([0.0], dt=ti.f64), ti.Vector([0.0], dt=ti.f64)
-    for corner in range(count + 1):
-        plan = lay_leg(drawn, 0, 1, corner, count, frame, base, slope, start, stop, entry, leave)
-        flat = plan[0] > 0.5
-        columns, rows = (nx if flat else ny), (ny if flat else nx)
-        for c in range(ti.max(start[0], 0), ti.min(stop[0], columns - 1) + 1):
-            lowest, highest = rows_alone(c, base, slope, start, stop, entry, leave)
-            for r in range(ti.max(lowest, 0), ti.min(highest, rows - 1) + 1):
-                cell = r * nx + c if flat else c * nx + r
-                met = False
-                for n in range(3 * count):
-                    met = met or place[0, n, 0] == cell
-                if not met:
-                    through *= 1 - occupied[0, cell]
-    return through
 
 
 @ti.func
@@ -202,11 +182,11 @@ def propose(
     measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, M] in/out: see `tables`; `NEW` is out
     births: pack(BirthRows),
 ):
-    """Draw length and AoA around the measurement, make the new line, and judge it by AoD and amplitude.
+    """Draw length and angle around the measurement, make the new line, and judge it by AoD and amplitude.
 
     [Li2026grid], eq. (11). The mean of f(AoD) / span is taken over samples of agent, clocks, distance and
     AoA, whole blocks of them; amplitude and clutter are the same for all. An AoD that wasn't measured has the
-    density 1 / (2 pi).
+    density 1 / (2 pi). Without an AoA, the AoD is drawn: the same path from its other end.
     """
     ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for
     for item in range(scan.shape[0] * whose.shape[0]):
@@ -220,8 +200,9 @@ def propose(
         clock = unknown_row(anchors.places, head, anchor, state.shape[0])
         length = scan[m, 0] - place[3]
         common = rate * length
-        keep = scan[m, 3] >= 0 and scan[m, 5] >= 0 and hypotheses > 0 and length > ti.abs(place[4])
-        keep = keep and (scan[m, LABEL] < 0 or scan[m, LABEL] == anchor)
+        arrives = scan[m, 5] >= 0
+        keep = scan[m, 3] >= 0 and (arrives or scan[m, 4] >= 0) and length > ti.abs(place[4])
+        keep = keep and hypotheses > 0 and (scan[m, LABEL] < 0 or scan[m, LABEL] == anchor)
         std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
         if keep:
             amplitude = scan[m, 6]
@@ -229,7 +210,7 @@ def propose(
             std = known_std(anchors.radio, anchor, scan, m, usual, lean_of(length, place[4]))
             clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, amplitude)
             # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
-            worth = least * ti.min(std[1], WIDEST) * ROOT_TURN
+            worth = least * (ti.min(std[1], WIDEST) if arrives else WIDEST) * ROOT_TURN
             keep = common * HIGHEST / clutter > worth
             if keep:
                 level[0] = mean_rician(anchors.radio, anchor, length, amplitude, 1.0) / clutter
@@ -241,28 +222,35 @@ def propose(
                     most = ti.max(level[0], level[1])
                 keep = common * most > worth
         reach, reach_std = ti.cast(scan[m, 0], ti.f32), ti.cast(std[0], ti.f32)
-        arrival, arrival_std = ti.cast(scan[m, 2], ti.f32), ti.cast(std[2], ti.f32)
-        departure, departure_std = ti.cast(scan[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
+        angle, angle_std = ti.cast(scan[m, 2], ti.f32), ti.cast(std[2], ti.f32)
+        other, other_std = ti.cast(scan[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
+        if not arrives:
+            angle, angle_std, other_std = other, other_std, ti.cast(std[2], ti.f32)
         ax, ay, height = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32), ti.cast(place[4], ti.f32)
         for block in range(blocks if keep else 0):
             at, there, late = block * BLOCK, ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
             end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
+            ends = ti.Matrix.zero(ti.f32, 4, BLOCK)
             if clock >= 0 and rise_of(anchors.places, anchor) < 0:  # a rise is taken at its mean
                 for i in range(BLOCK):
                     late[i] = state[clock, at + i]
             for i in range(BLOCK):
                 k = at + i
                 distance = reach + reach_std * ti.cast(noise[0, k], ti.f32) - late[i]
-                turned = arrival + arrival_std * ti.cast(noise[1, k], ti.f32)
-                cosine, sine = turn_of(wrapped(turned + state[2, k]))
+                turned = angle + angle_std * ti.cast(noise[1, k], ti.f32)
+                ends[0, i], ends[1, i], ends[2, i], ends[3, i] = state[0, k], state[1, k], ax, ay
+                if arrives:
+                    turned += state[2, k]
+                else:
+                    ends[0, i], ends[1, i], ends[2, i], ends[3, i] = ax, ay, state[0, k], state[1, k]
+                cosine, sine = turn_of(wrapped(turned))
                 above = level_of(distance, height)  # as seen from there
-                end_x[i], end_y[i] = state[0, k] + above * cosine, state[1, k] + above * sine
+                end_x[i], end_y[i] = ends[0, i] + above * cosine, ends[1, i] + above * sine
                 there[i] = ti.select(distance > ti.abs(height), 1.0, 0.0)
             for h in range(hypotheses):
                 last, first, so_far = known[h, 0], known[h, 1], births.ratio[m, begin + h]
-                more = likely(
-                    at, last, first, state, end_x, end_y, there, ax, ay, departure, departure_std
-                )  # fmt: skip
+                near, far = (last if arrives else first), (first if arrives else last)
+                more = likely(at, near, far, state, ends, end_x, end_y, there, other, other_std)
                 births.ratio[m, begin + h] = so_far + more / (blocks * BLOCK)
         for h in range(hypotheses if keep else 0):
             last, first = known[h, 0], known[h, 1]
@@ -282,8 +270,9 @@ def propose(
                         known[h, 1],
                         anchor_of(anchors.places, mean, head, anchor),
                     )
-                    length, arrival = scan[m, 0] - place[3], scan[m, 2]
-                    angle, offset = line_of(mean, head, length, arrival, place, last, first)
+                    length, arrives = scan[m, 0] - place[3], scan[m, 5] >= 0
+                    seen = scan[m, 2] if arrives else scan[m, 1]
+                    angle, offset = line_of(mean, head, length, seen, arrives, place, last, first)
                     births.proposal[count, 0], births.proposal[count, 1], births.proposal[count, 2] = (
                         angle,
                         offset,
@@ -293,47 +282,4 @@ def propose(
                     births.born[count, 0], births.born[count, 1], births.born[count, 2] = m, last, first
                     births.born[count, 3] = anchor
         births.born[0, 0] = count
-        sum_up(births.born, births.proposal, measured)
-
-
-@copying("mean")
-@ti.kernel
-def weigh_by_visibility(
-    head: ti.i32,  # entry of the mean where the lines begin: see `layout`
-    wide: ti.i32,  # cells of a row
-    mean: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [N] of the belief
-    places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
-    occupied: ti.types.ndarray(dtype=ti.f32, ndim=2),  # [2, ny nx] o of a traversed cell, of a hit one in V
-    frame: ti.types.ndarray(dtype=ti.f64, ndim=1),  # [4 or more] see `blocks.Cells`
-    sketch: pack(Sketch),
-    births: pack(BirthRows),  # as `propose` leaves them; `proposal` is in/out
-    measured: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [5, M] in/out: see `tables`; `NEW` is out
-):
-    """Weigh births by V of their paths at the mean of the belief, [Li2026grid], eq. (1).
-
-    Eq. (11) there leaves it out. One ray at a time: there are few, and waking other threads takes longer.
-    """
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        surfaces = lines_in(head, mean.shape[0])
-        stand_at(mean, head, sketch.state)
-        own = 3 + 3 * surfaces
-        for b in range(births.born[0, 0]):
-            last, first, worth = births.born[b + 1, 1], births.born[b + 1, 2], births.proposal[b, 2]
-            sketch.state[own, 0], sketch.state[own + 1, 0] = (
-                cos_of(births.proposal[b, 0]),
-                sin_of(births.proposal[b, 0]),
-            )
-            sketch.state[own + 2, 0] = births.proposal[b, 1]
-            sketch.path[0, 0], sketch.path[0, 3] = (1 if last < 0 and first < 0 else 2), births.born[b + 1, 3]
-            sketch.path[0, 1], sketch.path[0, 2] = (
-                (surfaces if last < 0 else last),
-                (surfaces if first < 0 else first),
-            )
-            draw_path(sketch.state, sketch.path, places, 0, 0, sketch.drawn)
-            births.proposal[b, 2] = ELSEWHERE * worth
-            if sketch.drawn[0, 12] > 0.5:
-                births.proposal[b, 2] = worth * alone(
-                    sketch.drawn, sketch.path[0, 0], wide, occupied, frame, sketch.line, sketch.place
-                )
         sum_up(births.born, births.proposal, measured)

@@ -1,4 +1,4 @@
-"""Initialise a new surface in the belief: correlated with the state it follows from, corrected by the AoD."""
+"""Initialise a new surface in the belief: correlated with the state it follows from, corrected by an AoD."""
 
 import taichi as ti
 
@@ -71,33 +71,45 @@ def misfit_of(
 
 
 @ti.func
-def line_at(arrival, mean: ti.template(), place, known, last, first, level, lean):
-    """The new line's angle and offset, and their derivatives by x, y, heading, length, AoA, known line.
+def reflected(point, moved, mean: ti.template(), known):
+    """A point behind a known line, and its derivatives, to which those by the line are added."""
+    image, by_angle, by_offset = mirror_of(point[0], point[1], mean[known], mean[known + 1])
+    nx, ny = cos_of(mean[known]), sin_of(mean[known])
+    turned = moved
+    for e in ti.static(range(5)):
+        along = 2 * (nx * moved[0, e] + ny * moved[1, e])
+        turned[0, e] -= along * nx
+        turned[1, e] -= along * ny
+    for i in ti.static(range(2)):
+        turned[i, 5], turned[i, 6] = by_angle[i], by_offset[i]
+    return image, turned
 
-    `level` is the length seen from above, `lean` the slope of the length by it.
+
+@ti.func
+def line_at(angle, arrives, mean: ti.template(), place, known, last, first, level, lean):
+    """The new line's angle and offset, and their derivatives by x, y, heading, length, angle, known line.
+
+    The angle is an AoA if it `arrives`, else an AoD: the same path from its other end. `level` is the length
+    seen from above, `lean` the slope of the length by it.
     """
-    bearing = mean[HEADING] + arrival
+    bearing, near, far = mean[HEADING] + angle, last, first
+    image, source = ti.Vector([mean[0], mean[1]], dt=ti.f64), ti.Vector([place[0], place[1]], dt=ti.f64)
+    moved, left = ti.Matrix.zero(ti.f64, 2, 7), ti.Matrix.zero(ti.f64, 2, 7)  # of image, and of source
+    if arrives:
+        moved[0, 0], moved[1, 1] = 1.0, 1.0
+    else:
+        bearing, near, far, image, source = place[2] + angle, first, last, source, image
+        left[0, 0], left[1, 1] = 1.0, 1.0
     u = ti.Vector([cos_of(bearing), sin_of(bearing)], dt=ti.f64)
     across = ti.Vector([-u[1], u[0]], dt=ti.f64)
-    image = ti.Vector([mean[0], mean[1]], dt=ti.f64) + level * u
-    source = ti.Vector([place[0], place[1]], dt=ti.f64)
-    moved, left = ti.Matrix.zero(ti.f64, 2, 7), ti.Matrix.zero(ti.f64, 2, 7)  # of image, and of source
+    image += level * u
     for i in ti.static(range(2)):
-        moved[i, i], moved[i, 3] = 1.0, u[i] / lean
-        moved[i, 2], moved[i, 4] = level * across[i], level * across[i]
-    if last >= 0:
-        image, by_angle, by_offset = mirror_of(image[0], image[1], mean[known], mean[known + 1])
-        nx, ny = cos_of(mean[known]), sin_of(mean[known])
-        for e in ti.static(range(5)):
-            along = 2 * (nx * moved[0, e] + ny * moved[1, e])
-            moved[0, e] -= along * nx
-            moved[1, e] -= along * ny
-        for i in ti.static(range(2)):
-            moved[i, 5], moved[i, 6] = by_angle[i], by_offset[i]
-    if first >= 0:
-        source, by_angle, by_offset = mirror_of(source[0], source[1], mean[known], mean[known + 1])
-        for i in ti.static(range(2)):
-            left[i, 5], left[i, 6] = by_angle[i], by_offset[i]
+        moved[i, 3], moved[i, 4] = u[i] / lean, level * across[i]
+        moved[i, 2] = level * across[i] if arrives else 0.0
+    if near >= 0:
+        image, moved = reflected(image, moved, mean, known)
+    if far >= 0:
+        source, left = reflected(source, left, mean, known)
     span = ti.max(ti.sqrt(dot(image - source, image - source)), 1e-12)
     normal, middle = (image - source) / span, 0.5 * (image + source)
     tangent, slope = ti.Vector([-normal[1], normal[0]], dt=ti.f64), ti.Matrix.zero(ti.f64, 2, 7)
@@ -138,12 +150,12 @@ def correct_by_departure(
 
 @ti.func
 def unexplained(
-    mean: ti.template(), head, place, bounces, last, first, scan: ti.template(), m, std: ti.template()
+    mean: ti.template(), head, place, bounces, last, first, scan: ti.template(), m, std: ti.template(), q
 ):  # fmt: skip
-    """By how many deviations a line misses the distance or AoA that it was made of: what linearising cost."""
+    """By how many deviations a line misses distance or angle q that it's made of: what linearising cost."""
     value, _slope = path_of(mean, head, place, bounces, last, first)
     by_distance = ti.abs(scan[m, 0] - value[0]) / std[0]
-    return ti.max(by_distance, ti.abs(wrapped(scan[m, 2] - value[2])) / std[2])
+    return ti.max(by_distance, ti.abs(wrapped(scan[m, q] - value[q])) / std[q])
 
 
 @ti.func
@@ -179,7 +191,8 @@ def initialise_surface(
     """Append the line that explains a measurement, and correct it by the AoD.
 
     The line bends much within what an AoA of some ten degrees allows, so it is linearised at the direction of
-    arrival that explains AoA and AoD best, not at the one that was measured.
+    arrival that explains AoA and AoD best, not at the one that was measured. Without an AoA it is made of
+    distance and AoD, at what was measured.
     """
     ti.loop_config(serialize=True)
     for _ in range(ti.min(scan.shape[0], 1)):
@@ -201,19 +214,24 @@ def initialise_surface(
         lean, level = lean_of(distance, place[4]), level_of(distance, place[4])
         std = known_std(anchors.radio, anchor, scan, m, strength, lean)
         # where to linearise
-        departs, arrival = scan[m, 4] >= 0 and std[1] < IGNORED, scan[m, 2]
+        arrives, angle, angle_std = scan[m, 5] >= 0, scan[m, 2], std[2]
+        departs = arrives and scan[m, 4] >= 0 and std[1] < IGNORED
         wide = ti.sqrt(std[2] * std[2] + belief.covariance[HEADING, HEADING])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)
-            middle, best, least = arrival, arrival, ti.f64(1e30)
+            middle, best, least = angle, angle, ti.f64(1e30)
             for k in range(TRIALS):
                 trial = middle + reach * (2 * ti.cast(k, ti.f64) / (TRIALS - 1) - 1)
                 misfit = misfit_of(trial, belief.mean, place, wall, last, first, level, scan, m, std, wide)
                 if misfit < least:
                     best, least = trial, misfit
-            arrival = best
-        angle, offset, slope = line_at(arrival, belief.mean, place, known, last, first, level, lean)
-        off = wrapped(scan[m, 2] - arrival)
+            angle = best
+        off = wrapped(scan[m, 2] - angle)
+        if not arrives:
+            angle, angle_std, off = scan[m, 1], std[1], 0.0
+        normal, offset, slope = line_at(
+            angle, arrives, belief.mean, place, known, last, first, level, lean
+        )  # fmt: skip
         back = ti.Vector([slope[0, 4] * off, slope[1, 4] * off], dt=ti.f64)
         # the line as a function of state and measurement
         entry = ti.Vector([0, 1, HEADING, 0, 0, known, (known + 1 if surface >= 0 else 0)])
@@ -230,7 +248,7 @@ def initialise_surface(
             share_unknown(out.joint, belief.covariance, slope, unknown, place, distance)
         for r in ti.static(range(2)):
             for q in ti.static(range(2)):
-                own = slope[r, 3] * slope[q, 3] * std[0] ** 2 + slope[r, 4] * slope[q, 4] * std[2] ** 2
+                own = slope[r, 3] * slope[q, 3] * std[0] ** 2 + slope[r, 4] * slope[q, 4] * angle_std**2
                 for e in ti.static((0, 1, 2, 5, 6)):
                     own += out.joint[size + ti.max(r, q), entry[e]] * slope[ti.min(r, q), e]
                 out.joint[size + r, size + q] = own
@@ -243,7 +261,7 @@ def initialise_surface(
                         out.joint[size + r, size + q] = so_far - steepness_of(place, distance) * own
                     else:
                         out.joint[size + r, size + q] = so_far - own
-        out.fresh[size], out.fresh[size + 1] = angle, offset
+        out.fresh[size], out.fresh[size + 1] = normal, offset
         ends = (newest if last < 0 else last), (newest if first < 0 else first)
         if departs:
             correct_by_departure(
@@ -265,7 +283,7 @@ def initialise_surface(
         out.fresh[HEADING] = wrapped(heading)
         out.missed[0] = unexplained(
             out.fresh, head, anchor_of(anchors.places, out.fresh, head, anchor), bounces, ends[0], ends[1],
-            scan, m, std,
+            scan, m, std, (2 if arrives else 1),
         )  # fmt: skip
         # its coefficient, by the amplitude alone
         total, other = ti.f64(0.0), (1.0 if surface < 0 else USUAL_REFLECTION)

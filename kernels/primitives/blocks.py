@@ -307,7 +307,7 @@ class Sketch(NamedTuple):
 
 class Newborn(NamedTuple):
     """Scratch [N + 2]; out: mean and covariance with the new line [N + 2], [N + 2, N + 2]; belief over its
-    coefficient [BINS]; by how many deviations it misses its own distance or AoA [1]."""
+    coefficient [BINS]; by how many deviations it misses its own distance or angle [1]."""
 
     spread: Doubles
     fresh: Doubles

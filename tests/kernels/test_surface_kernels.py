@@ -34,6 +34,8 @@ from gridslam.kernels.primitives.tables import PREDICTED
 from gridslam.world.geometry import line_between, mirror, wrap
 
 clocks = st.sampled_from([0, 2])
+ANGLES = {"both": (0.3, 0.0), "AoA": (-1.0, 0.0), "AoD": (0.0, -1.0)}
+"""Columns of a table that say which angles were measured, and how well."""
 
 
 @given(SEEDS, st.integers(0, 4), st.integers(0, 2), st.sampled_from([-1, 0, 1]), UNKNOWN)
@@ -98,9 +100,9 @@ def test_loud_measurements_near_a_path_equal_their_twin(seed, surfaces, given_st
     np.testing.assert_array_equal(claimed, reference.near(*into))
 
 
-@given(SEEDS, st.booleans(), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]), UNKNOWN)
-@settings(max_examples=25, deadline=None)
-def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unknown):
+@given(SEEDS, st.sampled_from([*ANGLES]), st.sampled_from([SAMPLES // 2, SAMPLES, 2 * SAMPLES]), UNKNOWN)
+@settings(max_examples=40, deadline=None)
+def test_birth_proposals_equal_their_twin(seed, angles, particles, unknown):
     from gridslam.kernels.management.births import propose
 
     (clocks, rises), draw, count = unknown, np.random.default_rng(seed), 5
@@ -113,7 +115,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unkno
     spread = (late[:, None] + 0.05 * draw.normal(size=(clocks, particles))).astype(np.float32)
     state, head = np.concatenate([state, spread]), 5 + clocks
     scan = random_table(draw, count)
-    scan[:, 4] = 0.3 if with_departure else -1.0
+    scan[1:, 4:6] = ANGLES[angles]
     known = np.array([[-1, -1], [-1, 0], [0, -1], [1, -1], [-1, 1]], np.int32)[: draw.choice([0, 1, 5])]
     noise, measured = draw.normal(size=(2, SAMPLES)), np.full((5, count), 7.0)
     measured[0] = draw.choice([0.0, 1.0, 1e4], count)
@@ -143,7 +145,7 @@ def test_birth_proposals_equal_their_twin(seed, with_departure, particles, unkno
 @given(SEEDS, st.integers(0, 3), clocks)
 @settings(max_examples=40, deadline=None)
 def test_a_glance_at_births_equals_its_twin(seed, surfaces, clocks):
-    from gridslam.kernels.management.births import weigh_by_visibility
+    from gridslam.kernels.management.birth_visibility import weigh_by_visibility
     from gridslam.kernels.propagation.bundles import LANES, LINES, PLACES
 
     draw = np.random.default_rng(seed)

@@ -77,7 +77,7 @@ def propose_births(
     *,
     work: Workspace,
 ) -> tuple[Births, Ratios]:
-    """All birth hypotheses above a least ratio, of the measurements that carry distance and AoA.
+    """All birth hypotheses above a least ratio, of the measurements that carry distance and an angle.
 
     [Li2026grid], eq. (11), integrated over agent and surface; docs/model.md, (M32).
 
@@ -150,7 +150,7 @@ def _senders(anchor: int, anchors: int) -> NDArray[np.int32]:
 
 @cache
 def _noise(seed: int) -> Array:
-    """Standard normal noise of distance and AoA, (2, SAMPLES)."""
+    """Standard normal noise of distance and angle, (2, SAMPLES)."""
     return np.random.default_rng(seed).standard_normal((2, SAMPLES))
 
 
@@ -165,6 +165,6 @@ def _proposing() -> Any:
 @runtime.once_started
 def _weighing() -> Any:
     """The kernel that weighs births by V of their paths."""
-    from gridslam.kernels.management.births import weigh_by_visibility
+    from gridslam.kernels.management.birth_visibility import weigh_by_visibility
 
     return weigh_by_visibility

@@ -28,8 +28,8 @@ from gridslam.world.radio import REFLECTION_BINS, RadioModel
 MOST_DOUBTFUL_M = 2.0
 """A birth whose offset is less certain than this is put off until the agent knows better where it is."""
 MOST_BENT = 6.0
-"""Deviations by which a new line may miss its own distance or AoA; one that bends too much to be linearised,
-as beside an anchor, misses them by hundreds and is put off, too."""
+"""Deviations by which a new line may miss its own distance or angle; one that bends too much to be
+linearised, as beside an anchor, misses them by hundreds and is put off, too."""
 RIVAL, RIVALS, RIVALS_UNLABELLED = 0.2, 1, 4
 """Share of a measurement's births from which on one that isn't the likeliest is followed, too; how many at
 most, and where the anchor isn't known: those of one anchor come in pairs, and would leave no other's."""
@@ -205,7 +205,7 @@ def initialise_surface(
     -------
     (belief, reflection, misfit)
         reflection (BINS,): first belief over the new surface's coefficient, from the amplitude alone; misfit:
-        by how many deviations the surface misses the distance or AoA that it was made of, NaN if it isn't
+        by how many deviations the surface misses the distance or angle that it was made of, NaN if it isn't
         finite.
     """
     runtime.start()

@@ -66,6 +66,16 @@ def move_rings(state: State, time_s: float, model: FilterModel) -> State:
     return replace(state, rings=move(require(state), elapsed, model.settings.acceleration_mps2))
 
 
+def of_arrivals(scan: AnchorScan) -> AnchorScan:
+    """The scan without departures of what has no arrival, of which a ring begins instead of a surface."""
+    deaf = (scan.table[:, 5] < 0) & (scan.table[:, 4] >= 0)
+    if not deaf.any():
+        return scan
+    table = scan.table.copy()
+    table[deaf, 4] = -1.0
+    return replace(scan, table=table)
+
+
 def associate_with_rings(
     state: State, scan: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel, model: FilterModel
 ) -> tuple[Association, Tentative]:

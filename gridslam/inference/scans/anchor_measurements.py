@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import overload
 
@@ -123,6 +123,11 @@ class SplitScan(Sequence[AnchorScan]):
         return bool((self.whole.table[:, 4] >= 0).any())
 
     @cached_property
+    def arrives(self) -> bool:
+        """Whether a direction of arrival was measured."""
+        return bool((self.whole.table[:, 5] >= 0).any())
+
+    @cached_property
     def surest_first(self) -> list[AnchorScan]:
         """The loudest anchor first, or the nearest where amplitudes aren't measured; (M550)."""
         return sorted(self.each, key=_unsureness)
@@ -158,7 +163,23 @@ def whole_of(scans: Sequence[AnchorScan]) -> AnchorScan:
 
 def split_by_anchor(scan: Scan, model: FilterModel) -> SplitScan:
     """A scan, anchor by anchor, the silent ones too."""
-    return anchor_scans(scan, model.places[: model.senders], model.radio.threshold)
+    return anchor_scans(told_alone(scan, model.radio), model.places[: model.senders], model.radio.threshold)
+
+
+def told_alone(scan: Scan, radio: RadioModel) -> Scan:
+    """The scan without angles that an array without extent can't tell, unless they come with deviations."""
+    blind_agent, blind = not radio.agent_aperture.any(), np.logical_not(radio.anchor_aperture.any(1))
+    if not (blind_agent or blind.any()):
+        return scan
+    own = scan.aod_std_rad, scan.aoa_std_rad
+    aod, aoa = (np.full(len(scan), True) if std is None else np.isnan(std) for std in own)
+    whose = np.asarray(scan.anchor, np.intp)
+    aod &= np.where(whose < 0, blind.all(), blind[np.minimum(whose, len(blind) - 1)])
+    return replace(
+        scan,
+        aod_rad=np.where(aod, np.nan, scan.aod_rad),
+        aoa_rad=np.where(aoa & blind_agent, np.nan, scan.aoa_rad),
+    )
 
 
 def anchor_scans(scan: Scan, anchors: Array, threshold: float = 0.0) -> SplitScan:
@@ -208,7 +229,7 @@ def of_all_anchors(scan: Scan, threshold: float = 0.0) -> AnchorScan:
 
 def whole_scan(scan: Scan, model: FilterModel) -> AnchorScan:
     """The same by the model's threshold: what several messages of a step ask the workspace for once."""
-    return of_all_anchors(scan, model.radio.threshold)
+    return of_all_anchors(told_alone(scan, model.radio), model.radio.threshold)
 
 
 def _elevation(scan: Scan, rows: NDArray[np.intp]) -> Array | None:

@@ -165,9 +165,10 @@ def worth_a_birth(draw, surfaces, clocks, rises):
     table[1, 0] += reference.late(mean, 5 + clocks, 1, places)
     table[1, 1:3] = wrap(table[1, 1:3])
     table[1, 3:6] = draw.choice([0.0, 0.05], 3)
-    table[1, 4] = draw.choice([-1.0, 0.0, 0.05])
+    table[1, 4:6] = [(-1.0, 0.0), (0.0, 0.0), (0.05, 0.05), (0.0, -1.0), (0.05, -1.0)][draw.integers(5)]
     radio = random_radio(draw)
-    radio[:, 2:4] *= draw.choice([0.0, 1.0], p=[0.2, 0.8])  # an array without extent tells no AoD
+    if table[1, 5] >= 0:
+        radio[:, 2:4] *= draw.choice([0.0, 1.0], p=[0.2, 0.8])  # an array without extent tells no AoD
     return mean, covariance, 5 + clocks, 1, places, table, 1, last, first, radio
 
 

@@ -1,11 +1,19 @@
 """Deviations of a scan's measurements."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from filter_states import model_of
 
 import gridslam as gs
-from gridslam.inference.scans.anchor_measurements import deviations, own_deviations, split_by_anchor, whole_of
+from gridslam.inference.scans.anchor_measurements import (
+    deviations,
+    own_deviations,
+    split_by_anchor,
+    whole_of,
+    whole_scan,
+)
 
 
 @pytest.mark.parametrize("height", [0.0, 2.5])
@@ -22,6 +30,25 @@ def test_those_of_all_anchors_are_those_of_each(height):
         rows = np.arange(len(one))
         each = deviations(one, rows, one.amplitude, one.value[:, 1:], model.radio)
         np.testing.assert_array_equal(std, each)
+
+
+def test_angles_that_one_antenna_cannot_tell_are_not_measured_unless_they_come_with_deviations():
+    model = model_of("canyon", [[0.0, 0.0, 0.3], [3.0, 1.0, 0.0], [2.0, -2.0, 1.0]])
+    aperture = model.radio.anchor_aperture * [[1.0], [0.0], [1.0]]  # the second anchor has one antenna
+    radio = replace(model.radio, anchor_aperture=aperture, agent_aperture=np.zeros(2))
+    blind, whose, one = replace(model, radio=radio), np.array([0, 1, 0]), np.ones(3)
+    scan = gs.Scan(0, 0.0, whose, one, 0.1 * one, 0.2 * one, 9 * one)
+    assert split_by_anchor(scan, model).arrives
+    scans = split_by_anchor(scan, blind)
+    assert not scans.arrives
+    assert (scans.whole.table[:, 4] >= 0).tolist() == [True, True, False]
+    assert np.isnan(scans.whole.value[:, 2]).all()
+    own = np.array([np.nan, 0.1, 0.1])
+    told = split_by_anchor(replace(scan, aod_std_rad=own, aoa_std_rad=own), blind)
+    assert (told.whole.table[:, 4] >= 0).tolist() == [True, True, True]
+    assert (told.whole.table[:, 5] >= 0).tolist() == [False, True, True]
+    unlabelled = whole_scan(replace(scan, anchor=np.full(3, -1)), blind)
+    assert (unlabelled.table[:, 4:6] >= 0).all(0).tolist() == [True, False]
 
 
 def test_a_scan_that_was_split_is_whole_in_the_order_of_its_parts():
