@@ -70,8 +70,10 @@ def _ratio(scan: Array, first: int, predicted: tuple[Array, ...], loud: Array) -
 def _born(scan: Array, away: Array, heading: Array, nearest: float) -> Array:
     """Ratio to clutter of new single bounces, (N, M), from an anchor to agents `away` (N, 2) from it."""
     level = np.hypot(*scan[:, column.TOWARD : column.TURNED].T)
+    arrives = scan[:, column.STRAIGHT + 2] > 0
     world = heading[:, None] + scan[:, column.AOA]
-    image = away[:, None] + level[:, None] * unit(world)
+    toward = np.where(arrives[:, None], unit(world), -unit(scan[:, column.AOD]))
+    image = away[:, None] + level[:, None] * toward
     leaving = 2 * np.arctan2(image[..., 1], image[..., 0]) - world
     miss = wrap(scan[:, column.AOD] - leaving)
     fits = scan[:, column.FIT] * np.exp(-0.5 * scan[:, column.SURE] * miss**2) + scan[:, column.ANY]

@@ -94,7 +94,9 @@ def straight(clues: ti.template(), a, step, m, heading, leaving, back, length):
 def born(clues: ti.template(), m, ax, ay, c, s, nearest):
     """Ratio to clutter of a new single bounce, to an agent at (ax, ay) from the anchor that faces (c, s)."""
     tx, ty = clues.measured[m, TOWARD], clues.measured[m, TOWARD + 1]
-    x, y = ax + c * tx - s * ty, ay + s * tx + c * ty
+    x, y = ax + tx, ay + ty
+    if clues.measured[m, STRAIGHT + 2] > 0:  # an arrival, as the agent faces
+        x, y = ax + c * tx - s * ty, ay + s * tx + c * ty
     square, along, aside = x * x + y * y, x * x - y * y, 2 * x * y
     # by how much the AoD misses it: its cosine and sine, times the square
     one, two = clues.measured[m, TURNED], clues.measured[m, TURNED + 1]

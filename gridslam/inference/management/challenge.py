@@ -48,6 +48,8 @@ ROUNDS, DRAWN, COPIES = 2, 100, 3
 """Rounds of a comparison, poses drawn in each, and per measurement that may be a line of sight."""
 WITHOUT_AMPLITUDE = 0.6
 """Of a loud measurement, what one without amplitude counts for that isn't clutter."""
+FIRST_STEPS = 60
+"""Steps at which a start is rather told wrong than mirrored, where no heading tells the two apart."""
 HERE_M, HERE_RAD = 0.1, 0.1
 """What is nearer to where the agent is believed to be is no other place."""
 TRIAL = 20
@@ -84,8 +86,9 @@ class Comparison(NamedTuple):
 
 def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> Comparison:
     """What one scan alone says of the believed pose (3,), and of others: lines of sight are tried."""
-    asked = [believed[None], *(line_of_sight_poses(terms, draw, COPIES, 24) for terms in snapshot.terms)]
-    poses = np.concatenate(asked)
+    facing = None if snapshot.tells_heading else float(believed[2])
+    asked = (line_of_sight_poses(terms, draw, COPIES, 24, facing) for terms in snapshot.terms)
+    poses = np.concatenate([believed[None], *asked])
     log = snapshot.score(poses, 2.0)
     top = poses[int(log.argmax())]
     refined_poses, scores = refined(snapshot, np.array([believed, top]), draw)
@@ -97,7 +100,8 @@ def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator
         return Comparison(best, best)
     other = refined_poses[1]
     each = np.array([terms.score(other[None], 1.0)[0] for terms in snapshot.terms])
-    shown = shown_by_mirror(np.array([terms.position for terms in snapshot.terms]), believed, other)
+    anchors = np.array([terms.position for terms in snapshot.terms])
+    shown = shown_by_mirror(anchors, believed, other, arrives=snapshot.tells_heading)
     return Comparison(best, here, added_by_mirror(each, shown))
 
 
@@ -145,6 +149,8 @@ def _compared(
         return watch
     draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
     found = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
+    if not scans.arrives and state.step <= FIRST_STEPS:  # a mirror may show all, and no wrong start be found
+        found = found._replace(mirrored=0.0)
     if watch.unproven:
         watch = watch.tried(evidence() - found.best, loud, for_sights(state, scan, model, work))
     return watch.compared(evidence(), *found, loud, due) if compares else watch

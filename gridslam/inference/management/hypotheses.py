@@ -54,13 +54,17 @@ first ones, all of which are looked at: what is wrong is to be named before much
 
 def begun(state: State, model: FilterModel) -> Population[State]:
     """The hypotheses before the first step: one; where its pose is vague, it is searched for at first."""
-    searching = tells_poses(model) and not len(state.surfaces) and is_vague(state.belief)
+    searching = (
+        tells_poses(model)
+        and not len(state.surfaces)
+        and is_vague(state.belief, "aoa" in model.radio.measures)
+    )
     return Population.of(state, searching=searching)
 
 
 def tells_poses(model: FilterModel) -> bool:
-    """Whether the radio measures what poses can be told by."""
-    return {"distance", "aoa"} <= set(model.radio.measures)
+    """Whether the radio measures what poses, or places at least, can be told by."""
+    return "distance" in model.radio.measures and bool({"aod", "aoa"} & set(model.radio.measures))
 
 
 def advance(
@@ -169,9 +173,12 @@ def _listed(
 
     The vague belief stays beside them, at even odds, and is followed as it is.
     """
-    if len(population) > 1 or not is_vague(off_ring(population.best, model)) or not tells_poses(model):
+    belief = off_ring(population.best, model)
+    if len(population) > 1 or not is_vague(belief, arrives=True) or not tells_poses(model):
         return population
     scans = work.once(split_by_anchor, scan, model)
+    if not is_vague(belief, scans.arrives):
+        return population
     if crowd(scans):  # so much clutter looks like new walls from anywhere; known ones alone tell more
         return population
     work.recovers = False

@@ -22,6 +22,8 @@ from gridslam.world.radio import RadioModel
 
 KNOWN_M = 0.03
 """Standard deviation of the position (both axes) up to which a birth moves the agent by little."""
+BLIND_M = 0.2
+"""The same for births without an arrival, of which no image tells whether they are double bounces; (M558)."""
 LEAST_ODDS = 1.0
 """Nats by which departures have to speak for a mirror."""
 SURE = 4.0
@@ -42,13 +44,18 @@ def put_off_double_bounces(
     where a surface was taken for a mirror that isn't one.
 
     Their measurements stay as new as they were: something unknown sent them, and they are left over. Where
-    clocks are unknown, (M491) judges births instead.
+    clocks are unknown, (M491) judges births instead. Without an arrival nothing is born while the position is
+    vaguer still; (M558).
     """
     x, y = state.belief.covariance.diagonal()[:2].tolist()
     vague = x + y > KNOWN_M**2
     if not len(births) or model.max_bounces < 2 or state.belief.clocks or not (vague or len(state.corners)):
         return births
-    alone = (births.hit < 0).all(1) & np.isfinite(scan.value[births.measurement, 1])
+    departs, arrives = np.isfinite(scan.value[births.measurement, 1:]).T
+    if x + y > BLIND_M**2 and not arrives.all():
+        births, departs = births.take(np.flatnonzero(arrives)), departs[arrives]
+        arrives = arrives[arrives]
+    alone = (births.hit < 0).all(1) & departs & arrives
     if not alone.any():
         return births
     pairs = list(zip(births.measurement.tolist(), births.anchor.tolist(), strict=True))

@@ -16,12 +16,14 @@ from gridslam.inference.health.doubt import (
     ONE_ALONE,
     Doubt,
 )
+from gridslam.inference.management import challenge
 from gridslam.inference.management.branching import placed
 from gridslam.inference.management.challenge import (
     EVERY,
     HANDICAP,
     TRIAL,
     WITHOUT_AMPLITUDE,
+    Comparison,
     best_snapshot,
     challenged,
     leading,
@@ -294,6 +296,22 @@ def test_what_one_mirror_shows_of_two_anchors_is_told_from_lines_of_sight(mapped
     assert best - here > 18
     assert (added > 8) == mirrored
     assert bool(Doubt().compared(1e3, best, here, added, 2.0).elsewhere) != mirrored
+
+
+@pytest.mark.parametrize(
+    ("step", "deaf", "called"), [(EVERY, True, True), (9 * EVERY, True, False), (EVERY, False, False)]
+)
+def test_without_arrivals_no_mirror_excuses_a_start(mapped, scans, monkeypatch, step, deaf, called):
+    """Told wrong, it fits over one mirror that shows all anchors; so may a hidden agent, later."""
+    slam, _ = mapped
+    scan = scans[slam.state.step - 1]
+    if deaf:
+        scan = replace(scan, aoa_rad=np.full(len(scan), np.nan))
+    monkeypatch.setattr(challenge, "best_snapshot", lambda *_: Comparison(90.0, 50.0, 30.0))
+    population = Population((replace(slam.state, step=step),))
+    watch = watched(population, lambda: 1e3, scan, slam.model, slam.work).watch
+    assert (watch.elsewhere > ELSEWHERE) is called
+    slam.work.begin()
 
 
 def test_a_start_is_compared_at_every_step_until_it_is_borne_out(mapped, scans):

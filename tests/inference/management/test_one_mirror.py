@@ -39,6 +39,7 @@ def test_a_mirror_shows_those_on_its_side_that_lie_in_line(wall, pose, anchors):
     same_side = side[0] * side[1] > 0
     expected = same_side & (np.abs(turns) < ALIKE_RAD)
     assert shown_by_mirror(anchors, pose, other).tolist() == expected.tolist()
+    assert shown_by_mirror(anchors, pose, other, arrives=False).tolist() == same_side.tolist()
 
 
 def test_a_place_that_is_vague_turns_the_mirror_by_hand():

@@ -54,31 +54,41 @@ def slowly(pose, anchor_scan, model):
             radio.angle_std(amplitude, value[1], radio.anchor_aperture[anchor_scan.anchor]),
             radio.angle_std(amplitude, value[2], radio.agent_aperture),
         ])  # fmt: skip
+        told = np.isfinite(value)
         straight = np.array([distance, away - anchor_scan.orientation, away + np.pi - pose[2]])
         gap = value - straight
         gap[1:] = wrap(gap[1:])
-        seen = IN_SIGHT * np.prod(norm.pdf(gap, scale=std)) * np.exp(radio.log_rician(amplitude, strength))
-        image = pose[:2] + value[0] * unit(pose[2] + value[2])
-        line = line_between(place, image)
+        fits = np.prod(norm.pdf(gap[told], scale=std[told]))
+        seen = IN_SIGHT * fits * np.exp(radio.log_rician(amplitude, strength))
+        near, far, bearing = pose[:2], place, pose[2] + value[2]
+        if not told[2]:  # the same path from its other end
+            near, far, bearing = place, pose[:2], anchor_scan.orientation + value[1]
+        image = near + value[0] * unit(bearing)
+        line = line_between(far, image)
         path = course(pose[None, :2], place[None], line[None], line[None], np.array([1]))
         born = 0.0
         if path.valid[0]:
-            off = wrap(value[1] - (path.departure[0] - anchor_scan.orientation))
-            fits = (1 - TWICE) * norm.pdf(off, scale=np.hypot(*std[1:])) + TWICE / (2 * np.pi)
+            off, fits = wrap(value[1] - (path.departure[0] - anchor_scan.orientation)), 1.0
+            if told.all():
+                fits = (1 - TWICE) * norm.pdf(off, scale=np.hypot(*std[1:])) + TWICE / (2 * np.pi)
             level = radio.amplitude(value[0], REFLECTION_BINS)
             rice = np.exp(radio.log_rician(amplitude, level)).mean()
-            born = model.birth_rate * value[0] * rice * fits / max(np.linalg.norm(image - place), NEAREST_M)
+            born = model.birth_rate * value[0] * rice * fits / max(np.linalg.norm(image - far), NEAREST_M)
         clutter = radio.false_alarms * np.exp(radio.log_clutter(amplitude))
+        clutter *= (2 * np.pi) ** (~told).sum()  # of what was measured alone
         log += np.log1p((seen + born) / clutter)
     return float(log)
 
 
 @pytest.mark.slow
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
-def test_scores_equal_those_worked_out_path_by_path(scene, first_scans, seed):
-    draw, model = np.random.default_rng(seed), scene.filter_model("agent1")
-    snapshot, scans = snapshot_of(first_scans[seed % 4], model)
+@given(st.integers(0, 2**32 - 1), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_scores_equal_those_worked_out_path_by_path(scene, first_scans, seed, arrives):
+    draw, model, scan = np.random.default_rng(seed), scene.filter_model("agent1"), first_scans[seed % 4]
+    if not arrives:
+        scan = replace(scan, aoa_rad=np.full(len(scan), np.nan))
+    snapshot, scans = snapshot_of(scan, model)
+    assert snapshot.tells_heading is arrives
     track = scene.track("agent1")
     near = np.array([*track.position_m[0], track.heading_rad[0]]) + draw.normal(0, [0.1, 0.1, 0.05])
     poses = np.stack([near, draw.uniform([-4, -3, -3], [4, 3, 3])])
@@ -86,6 +96,34 @@ def test_scores_equal_those_worked_out_path_by_path(scene, first_scans, seed):
     for pose, score in zip(poses, found, strict=True):
         # p_d comes from a table there
         assert score == pytest.approx(sum(slowly(pose, own, model) for own in scans), abs=2e-3)
+
+
+def test_a_departure_tells_of_a_line_only_where_nothing_arrives(scene, first_scans):
+    """A scan of which some paths arrive is placed by these: the others' lines would fit anywhere."""
+    model, scan = scene.filter_model("agent1"), first_scans[0]
+    deaf = replace(scan, aoa_rad=np.full(len(scan), np.nan))
+    mixed = replace(scan, aoa_rad=np.where(np.arange(len(scan)) == 0, scan.aoa_rad, np.nan))
+    born = [
+        sum(int(np.isfinite(terms.log_born).sum()) for terms in snapshot_of(one, model)[0].terms)
+        for one in (scan, deaf, mixed)
+    ]
+    assert born == [len(scan), len(scan), 1]
+
+
+def test_places_are_proposed_by_lines_of_sight_and_walls_without_arrivals(scene, first_scans):
+    """Few uniform poses find none: a line of sight, or a known wall, says where the agent is."""
+    model, track = scene.filter_model("agent1"), scene.track("agent1")
+    deaf = replace(first_scans[0], aoa_rad=np.full(len(first_scans[0]), np.nan))
+    snapshot, scans = snapshot_of(deaf, model)
+    modes = find_modes(snapshot, whole_room(model), model.grid, 60, [1, 2], poses=20)
+    assert np.hypot(*(modes.pose[:, :2] - track.position_m[0]).T).min() < 0.3
+    wall = np.array([0.5 * np.pi, 3.0])
+    image = mirror(wall, scans[0].position)
+    terms = replace(snapshot.terms[0], known=Sources(image[None], wall[None], np.ones(1), np.ones(1)))
+    none, told = (reflected_poses(terms, np.random.default_rng(1), facing=f) for f in (None, 0.4))
+    assert not len(none)
+    np.testing.assert_allclose(told[:, 2], 0.4)
+    assert np.hypot(*(told[:, :2] - track.position_m[0]).T).min() < 0.3
 
 
 def test_poses_of_lines_of_sight_hear_what_was_heard(scene, first_scans):
@@ -127,7 +165,12 @@ def test_the_best_of_each_neighbourhood_are_those_of_one_pose_after_the_other(mo
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "measures", [("distance", "aod", "aoa", "amplitude"), ("distance", "aoa", "amplitude")]
+    "measures",
+    [
+        ("distance", "aod", "aoa", "amplitude"),
+        ("distance", "aoa", "amplitude"),
+        ("distance", "aod", "amplitude"),
+    ],
 )
 def test_the_true_pose_is_listed_of_a_start_that_is_known_to_nothing(scene, measures):
     radio = scene.radio.model_copy(update={"measures": measures})
@@ -143,6 +186,9 @@ def test_the_true_pose_is_listed_of_a_start_that_is_known_to_nothing(scene, meas
     right = int(far.argmin())
     assert modes.score[right] > modes.score[0] - 8
     assert gap[right] @ np.linalg.solve(modes.covariance[right], gap[right]) < 16
+    if "aoa" not in measures:
+        np.testing.assert_array_equal(modes.pose[:, 2], model.start_mean[4])
+        np.testing.assert_allclose(modes.covariance[:, 2], [[0, 0, 3.3]] * len(modes))
     assert (modes.log_prior < 0).all(), "a mode has less than all of the prior"
     assert (np.diff(modes.score) <= 0).all()
 
@@ -162,7 +208,7 @@ def test_a_scan_that_tells_nothing_has_no_complete_list(scene, first_scans):
 class MadeUp:
     """Scores of a place that fits, the slope about it, and islands: with doubled deviations, and true."""
 
-    terms = ()
+    terms, tells_heading = (), True
 
     def __init__(self, place, islands):
         self.place, self.islands = place, islands

@@ -65,6 +65,17 @@ def test_what_departs_the_way_it_arrives_bears_less_than_what_a_mirror_sends(alc
     assert set(names) <= set(zip(corner.measurement.tolist(), corner.ratio.tolist(), strict=True))
 
 
+def test_without_an_arrival_nothing_is_born_while_the_position_is_vague(alcove):
+    births, (state, scan, *rest), work = proposed(alcove, corner=False)
+    deaf = scan.table.copy()
+    deaf[:, 5] = -1.0
+    asked = state, replace(scan, table=deaf), *rest
+    assert len(births)
+    assert not len(without_double_bounces(births, *asked, work=work))
+    births, (state, *_), work = proposed(alcove, corner=False, spread_m=0.9 * KNOWN_M)
+    assert without_double_bounces(births, state, *asked[1:], work=work) is births
+
+
 def test_known_poses_known_clocks_and_single_bounces_leave_births_as_they_are(alcove):
     births, asked, work = proposed(alcove, corner=True, spread_m=0.9 * KNOWN_M)
     assert without_double_bounces(births, *asked, work=work) is births

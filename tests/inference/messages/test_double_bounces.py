@@ -91,6 +91,18 @@ def test_what_waits(variance, bounces, kept):
     assert (after is births) == (len(kept) == 4)
 
 
+@pytest.mark.parametrize(("variance", "kept"), [(0.021, [2]), (0.019, [0, 1, 2])])
+def test_without_an_arrival_nothing_is_born_while_the_position_is_vague(variance, kept):
+    """Known to 0.2 m, both axes together: below, no image tells a corner from a mirror; (M558)."""
+    wall, deaf = [6.0, 2 * np.arctan2(6, 4) - np.pi / 2, np.pi / 2], [6.0, np.pi / 2, np.nan]
+    model, births = model_of("room", [[0.0, 0.0, 0.0]]), births_of((-1, -1), (-1, 0), (-1, -1))
+    state = known_to(variance)
+    after = put_off_double_bounces(births, state, heard(deaf, deaf, wall), model.radio, model)
+    assert after.measurement.tolist() == kept
+    alone = replace(model, max_bounces=1)
+    assert put_off_double_bounces(births, state, heard(deaf, deaf, wall), alone.radio, alone) is births
+
+
 def test_what_is_left_keeps_what_goes_with_it():
     corner, unmeasured = [6.0, np.pi / 2, np.pi / 2], [6.0, np.nan, np.pi / 2]
     support = np.arange(3.0)[:, None] * np.ones(20)

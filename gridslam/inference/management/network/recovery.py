@@ -133,7 +133,7 @@ def _recovered(
     count, near = int(np.count_nonzero(anchor_scan.loud)), near_paths([anchor_scan], part, model)
     if part.monitor.is_lost(count, near):
         near = near_any_path([anchor_scan], part, model, work=work)
-    vague = is_vague(part.belief)
+    vague = is_vague(part.belief, bool((anchor_scan.table[:, 5] >= 0).any()))
     lost = part.monitor.is_lost(count, near) or part.monitor.early > EARLY  # (M532)
     if not lost:
         part = replace(part, monitor=part.monitor.followed(count, near))

@@ -19,7 +19,7 @@ DEVIATIONS = 2.0
 
 
 def shown_by_mirror(
-    anchors: Array, believed: Array, other: Array, spread_m: float = 0.0
+    anchors: Array, believed: Array, other: Array, spread_m: float = 0.0, arrives: bool = True
 ) -> NDArray[np.bool_]:
     """Which anchors (J, 2) the mirror between a believed pose (3,) and another one shows at the other, (J,).
 
@@ -29,11 +29,15 @@ def shown_by_mirror(
     ----------
     spread_m : float
         Standard deviation of the other place, which turns the mirror.
+    arrives : bool
+        Whether arrivals tell headings: without, a mirror shows every anchor on its side.
     """
     step = other[:2] - believed[:2]
     within = ALIKE_RAD + 2 * DEVIATIONS * spread_m / max(float(np.hypot(*step)), 1e-6)
     wall = np.arctan2(step[1], step[0])
-    before = (anchors - 0.5 * (believed[:2] + other[:2])) @ unit(wall) < 0
+    before = np.asarray((anchors - 0.5 * (believed[:2] + other[:2])) @ unit(wall) < 0)
+    if not arrives:
+        return before
     toward = np.arctan2(*(anchors - other[:2]).T[::-1])
     told = 2 * toward + believed[2] - 2 * wall - np.pi
     return np.asarray(before & (np.abs(wrap(told - other[2])) < within))

@@ -50,7 +50,7 @@ def recover_pose(
         Time of the step before, if there was one.
     """
     count = int(np.count_nonzero(whole_of(scans).loud))
-    vague = is_vague(state.belief)
+    vague = is_vague(state.belief, bool((whole_of(scans).table[:, 5] >= 0).any()))
     if not work.recovers or state.samples is not None or (count < ENOUGH and not vague):
         return state
     if crowd(scans) > SWAMPED:  # health says so, whether the agent is looked for or not
@@ -116,10 +116,16 @@ def near_any_path(scans: Sequence[AnchorScan], state: State, model: FilterModel,
     return claimed
 
 
-def is_vague(belief: Belief) -> bool:
-    """Whether the pose is known too badly to linearise paths about it."""
+def is_vague(belief: Belief, arrives: bool) -> bool:
+    """Whether the pose is known too badly to linearise paths about it.
+
+    Parameters
+    ----------
+    arrives : bool
+        Whether the scan has arrivals: without, nothing hangs on the heading.
+    """
     x, y, _, _, heading = belief.covariance.diagonal()[:AGENT].tolist()
-    return bool(x + y > VAGUE_M**2 or heading > VAGUE_RAD**2)
+    return bool(x + y > VAGUE_M**2 or (arrives and heading > VAGUE_RAD**2))
 
 
 def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:

@@ -3,6 +3,7 @@ owner of the kernel that scores poses by it.
 
 A single bounce with distance and both angles has three numbers for the two unknowns of its line: the third
 tells of the pose. Three such paths fix a pose, four tell it from chance; a line of sight fixes it alone.
+Without arrivals a line of sight tells the place, and nothing the heading.
 """
 
 from __future__ import annotations
@@ -74,7 +75,10 @@ class SnapshotTerms:
     known: Sources | None = None
 
     @classmethod
-    def of(cls, scan: AnchorScan, radio: RadioModel, birth_rate: float, over: Sources | None = None) -> Self:
+    def of(
+        cls, scan: AnchorScan, radio: RadioModel, birth_rate: float, over: Sources | None = None,
+        deaf: bool = False,
+    ) -> Self:  # fmt: skip
         """The terms of one anchor's scan.
 
         Parameters
@@ -83,6 +87,8 @@ class SnapshotTerms:
             Births per anchor, step and unit of lines (rad m).
         over : Sources, optional
             Single bounces over known surfaces.
+        deaf : bool
+            Whether no anchor's measurements have an arrival: then a departure tells of a line, too.
         """
         rows = np.arange(len(scan))
         known = np.isfinite(scan.amplitude)
@@ -97,7 +103,8 @@ class SnapshotTerms:
         if not known.all():
             detected = radio.detection_probability(np.maximum(level, 1e-6))
             born = np.where(known[:, None], born, detected)
-        whole = np.isfinite(std[:, 0]) & np.isfinite(std[:, 2])  # or it tells of no line
+        angle = np.isfinite(std[:, 1:] if deaf else std[:, 2:]).any(1)
+        whole = np.isfinite(std[:, 0]) & angle  # or it tells of no line
         with np.errstate(divide="ignore"):
             log_born = np.log(whole * birth_rate * value[:, 0] * born.mean(1))
         return cls(
@@ -154,8 +161,14 @@ class Snapshot:
     ) -> Self:  # fmt: skip
         """The anchors' scans, with each one's calibrated radio, and the paths over a map's surfaces."""
         maps: Sequence[Sources | None] = known or [None] * len(scans)
-        rows = zip(scans, radios, maps, strict=True)
-        return cls(tuple(SnapshotTerms.of(scan, radio, model.birth_rate, own) for scan, radio, own in rows))
+        rows, rate = zip(scans, radios, maps, strict=True), model.birth_rate
+        deaf = not any(bool((scan.table[:, 5] >= 0).any()) for scan in scans)
+        return cls(tuple(SnapshotTerms.of(scan, radio, rate, own, deaf) for scan, radio, own in rows))
+
+    @property
+    def tells_heading(self) -> bool:
+        """Whether any arrival was measured."""
+        return any(bool(np.isfinite(own.variance[:, 2]).any()) for own in self.terms)
 
     def score(self, poses: Array, widen: float = 1.0) -> Array:
         """Log-likelihood of the scan at poses (N, 3) in m, m, rad; in ratio to clutter alone, (N,)."""
@@ -194,7 +207,9 @@ def measurement_rows(terms: Sequence[SnapshotTerms], widen: float) -> Array:
     most = np.log(np.maximum(2 * rows[:, column.AMPLITUDE], 1.0))  # a density of so much at most
     rows[:, column.PEAK] = np.where(loud, most, 0.0)
     rows[:, column.BORN] = np.exp(log_born - log_clutter)
-    rows[:, column.TOWARD : column.TURNED] = level_of(value[:, 0], height)[:, None] * unit(value[:, 2])
+    level, arrives = level_of(value[:, 0], height)[:, None], measured[:, [2]]
+    # the anchor's image, from the agent as it faces; or, without an arrival, the agent's image, reversed
+    rows[:, column.TOWARD : column.TURNED] = level * np.where(arrives, unit(value[:, 2]), -unit(value[:, 1]))
     rows[:, column.TURNED : column.FIT] = unit(value[:, 1] + value[:, 2])
     both, spread = measured[:, 1:].all(1), variance[:, 1] + variance[:, 2]
     rows[:, column.FIT] = both * (1 - TWICE) / np.sqrt(2 * np.pi * spread)

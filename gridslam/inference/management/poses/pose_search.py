@@ -38,6 +38,8 @@ BEHIND, SHORTLIST = 14.0, 22.0
 """Log-likelihood behind the best at which a mode is dropped, and a candidate with doubled deviations."""
 LEAST = np.array([0.01, 0.01, 0.005]) ** 2
 """Variances of a mode at least, m^2 and rad^2."""
+AHEAD = 0.02
+"""Standard deviation of the headings that are tried where no arrival tells one, rad: places alone differ."""
 COVER = 0.5
 """Power of the likelihood that a mode's Gaussian covers: the scan is taken in once more, by the filter."""
 
@@ -81,6 +83,8 @@ def find_modes(
 ) -> Modes:
     """All poses that explain a scan, within a prior and the region.
 
+    A scan without arrivals tells no heading: that of the prior stands for all, with the prior's deviation.
+
     Parameters
     ----------
     prior : Belief
@@ -92,14 +96,22 @@ def find_modes(
     """
     draw = np.random.default_rng(list(stream))
     mean, covariance = prior.mean[POSE], prior.covariance[np.ix_(POSE, POSE)]
-    within = Bounds.of(mean, covariance, region)
+    headed, near_by = snapshot.tells_heading, covariance.copy()
+    if not headed:
+        near_by[2], near_by[:, 2], near_by[2, 2] = 0.0, 0.0, AHEAD**2
+    within = Bounds.of(mean, near_by, region)
     anywhere = within.uniform(draw, poses)
-    asked = [line_of_sight_poses(terms, draw) for terms in snapshot.terms]
-    asked += [reflected_poses(terms, draw) for terms in snapshot.terms if terms.known is not None]
+    ahead = None if headed else float(mean[2])
+    asked = [line_of_sight_poses(terms, draw, facing=ahead) for terms in snapshot.terms]
+    asked += [
+        reflected_poses(terms, draw, facing=ahead) for terms in snapshot.terms if terms.known is not None
+    ]
     every = np.concatenate([anywhere, *(part[within.holds(part)] for part in asked)])
     log = snapshot.score(every, WIDEN)
     chosen, more = best_apart(every, log, SHORTLIST, 2 * cap)
     pose, spread, score = _refined(snapshot, within, every[chosen], draw)
+    if not headed:
+        pose[:, 2], spread[:, 2], spread[:, :, 2], spread[:, 2, 2] = mean[2], 0.0, 0.0, covariance[2, 2]
     distinct, _ = best_apart(pose, score, BEHIND, len(score), 0.5)
     complete = len(distinct) <= cap and not (more and _still_finds(pose, score))
     distinct = distinct[:cap]
@@ -151,20 +163,24 @@ class Bounds:
 
 
 def line_of_sight_poses(
-    terms: SnapshotTerms, draw: np.random.Generator, copies: int = COPIES, bearings: int = BEARINGS
-) -> Array:
+    terms: SnapshotTerms, draw: np.random.Generator, copies: int = COPIES, bearings: int = BEARINGS,
+    facing: float | None = None,
+) -> Array:  # fmt: skip
     """Poses (N, 3) from which an anchor's measurements would be lines of sight.
 
     Parameters
     ----------
     copies, bearings : int
         Draws per measurement, and bearings where it tells none.
+    facing : float, optional
+        Heading where there is no arrival, rad; default: what has none isn't used.
     """
     measured = np.isfinite(terms.variance)
+    far, departs, arrives = measured.T
     parts = [np.zeros((0, 3))]
     for rows, count in (
-        (np.flatnonzero(measured.all(1)), copies),
-        (np.flatnonzero(measured[:, 0] & ~measured[:, 1] & measured[:, 2]), bearings),
+        (np.flatnonzero(far & departs & (arrives | (facing is not None))), copies),
+        (np.flatnonzero(far & ~departs & arrives), bearings),
     ):
         std = np.sqrt(np.where(measured[rows], terms.variance[rows], 0.0))[:, None]
         noise = draw.standard_normal((len(rows), count, 3))
@@ -174,16 +190,28 @@ def line_of_sight_poses(
             value[..., 1] = 2 * np.pi * (np.arange(count) + draw.random()) / count
         value = value.reshape(-1, 3)
         place = terms.position + level_of(value[:, :1], terms.height) * unit(value[:, 1])
-        parts.append(np.column_stack([place, wrap(value[:, 1] + np.pi - value[:, 2])]))
+        heading = _headed(value[:, 1] + np.pi - value[:, 2], np.repeat(arrives[rows], count), facing)
+        parts.append(np.column_stack([place, heading]))
     return np.concatenate(parts)
 
 
-def reflected_poses(terms: SnapshotTerms, draw: np.random.Generator, copies: int = 5) -> Array:
-    """Poses (N, 3) from which an anchor's measurements would be single bounces over known surfaces."""
+def _headed(told: Array, arrives: NDArray[np.bool_], facing: float | None) -> Array:
+    """Headings (N,) that arrivals tell; else those that stand for any."""
+    return np.asarray(wrap(told if facing is None else np.where(arrives, told, facing)))
+
+
+def reflected_poses(
+    terms: SnapshotTerms, draw: np.random.Generator, copies: int = 5, facing: float | None = None
+) -> Array:
+    """Poses (N, 3) from which an anchor's measurements would be single bounces over known surfaces.
+
+    `facing` as for `line_of_sight_poses`.
+    """
     assert terms.known is not None
     parts, measured = [np.zeros((0, 3))], np.isfinite(terms.variance)
-    rows = np.flatnonzero(measured.all(1))
-    std = np.sqrt(terms.variance[rows])[:, None]
+    far, departs, arrives = measured.T
+    rows = np.flatnonzero(far & departs & (arrives | (facing is not None)))
+    std = np.sqrt(np.where(measured[rows], terms.variance[rows], 0.0))[:, None]
     for image, line in zip(terms.known.image, terms.known.line, strict=True):
         if (image == terms.position).all():
             continue
@@ -192,7 +220,8 @@ def reflected_poses(terms: SnapshotTerms, draw: np.random.Generator, copies: int
         value = (terms.value[rows][:, None] + std * noise).reshape(-1, 3)
         back = 2 * line[0] - value[:, 1]  # towards the image, by the law of reflection
         place = image - level_of(value[:, :1], terms.height) * unit(back)
-        parts.append(np.column_stack([place, wrap(back - value[:, 2])]))
+        heading = _headed(back - value[:, 2], np.repeat(arrives[rows], copies), facing)
+        parts.append(np.column_stack([place, heading]))
     return np.concatenate(parts)
 
 

@@ -34,7 +34,7 @@ EVERY = 5
 
 def begun(state: State) -> Population[State]:
     """The belief before the first step; where its pose is vague, it is searched for at first."""
-    return Population.of(state, searching=is_vague(state.belief))
+    return Population.of(state, searching=is_vague(state.belief, arrives=True))
 
 
 def advance(

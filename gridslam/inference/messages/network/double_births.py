@@ -32,12 +32,18 @@ def without_double_bounces(
 ) -> Births:  # fmt: skip
     """The births of `propose_births`, given what that was, without single bounces that may be double ones.
 
-    Their measurements stay as new as they were: something unknown sent them. Where clocks or the position are
-    known, or no path bounces twice, the births stay the same object.
+    Their measurements stay as new as they were: something unknown sent them. Without an arrival nothing is
+    born meanwhile, (M558). Where clocks or the position are known, or no path bounces twice, the births stay
+    the same object.
     """
     x, y = state.belief.covariance.diagonal()[:2].tolist()
+    if not (len(births) and state.belief.clocks and model.max_bounces > 1 and x + y > KNOWN_M**2):
+        return births
+    arrives = scan.table[births.measurement, 5] >= 0
+    if not arrives.all():
+        births = births.take(np.flatnonzero(arrives))
     alone = (births.hit < 0).all(1) & (scan.table[births.measurement, 4] >= 0)
-    if not (state.belief.clocks and model.max_bounces > 1 and x + y > KNOWN_M**2 and alone.any()):
+    if not alone.any():
         return births
     table = scan.table.copy()
     table[:, 4] = -1.0  # no departure
