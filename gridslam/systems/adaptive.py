@@ -29,6 +29,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.scatterers import weigh_forms
 from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
@@ -86,6 +87,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
         state = weigh_angles(state, paths, ratios, exchange)  # (M517)
+        state = weigh_forms(state, paths, ratios, exchange, model)  # (M559)
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         state = update_amplitudes(  # eq. (26)

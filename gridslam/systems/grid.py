@@ -26,6 +26,7 @@ from gridslam.inference.messages.level_coefficients import learn_levels, with_le
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.reflection import reflected, update_coefficients
+from gridslam.inference.messages.scatterers import weigh_forms
 from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
@@ -91,6 +92,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work
         )
         state = weigh_angles(state, paths, ratios, exchange)  # (M517)
+        state = weigh_forms(state, paths, ratios, exchange, model)  # (M559)
         state = representation.correct_by_elevations(state, anchor_scan, exchange, radio, model)  # (M304)
         state = learn_levels(state, anchor_scan, paths, exchange, radio, model)  # (M305)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)

@@ -38,6 +38,7 @@ from gridslam.inference.messages.ray_amplitudes import (
     start_amplitudes,
     update_amplitudes,
 )
+from gridslam.inference.messages.scatterers import weigh_forms
 from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.surface_walk import learn_shared_walks
@@ -181,6 +182,7 @@ def turn(
             state, anchor_scan, exchange, radio, model, weakened=True
         )
         state = weigh_angles(state, paths, ratios, exchange)  # (M517)
+        state = weigh_forms(state, paths, ratios, exchange, model)  # (M559)
         state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model, work=work)
         state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)

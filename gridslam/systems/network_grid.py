@@ -30,6 +30,7 @@ from gridslam.inference.messages.network.double_births import without_double_bou
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.reflection import Reflected
+from gridslam.inference.messages.scatterers import weigh_forms
 from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.surface_walk import learn_shared_walks
@@ -111,6 +112,7 @@ def turn(
         )
         state = correct_by_strengths(state, anchor_scan, exchange, radio, model)  # (M542)
         state = weigh_angles(state, paths, ratios, exchange)  # (M517)
+        state = weigh_forms(state, paths, ratios, exchange, model)  # (M559)
         births = put_off_double_bounces(births, state, anchor_scan, radio, model)  # (M516)
         state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)

@@ -25,7 +25,7 @@ from gridslam.inference.state.population import Population
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
-from gridslam.inference.state.surface_bank import ANGLES, SurfaceBank
+from gridslam.inference.state.surface_bank import ANGLES, FORMS, SurfaceBank
 from gridslam.io.covariances import is_information
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
@@ -223,6 +223,7 @@ def shapes_of_bank(
         "reflection": (surfaces, BINS), "extent": (surfaces, 2), "single": (links, surfaces),
         "double": (links, surfaces, surfaces), "walk": (surfaces, 2), "outermost": (surfaces, 8),
         "angles": (surfaces, links if anchors is None else anchors, ANGLES),
+        "forms": (surfaces, FORMS),
     }  # fmt: skip
     for field in fields(bank):
         found = getattr(bank, field.name).shape
@@ -239,11 +240,19 @@ def claims_of_bank(bank: SurfaceBank, name: str, anchors: int) -> list[tuple[str
         (f"{name}/age", _within(bank.age, 0, np.inf), "0 or more"),
         (f"{name}/seen", _within(bank.seen, 0, np.inf), "0 or more"),
         (f"{name}/angles", _within(bank.angles[..., [0, 2, 4, 5]], 0, np.inf), "0 or more"),
+        (f"{name}/forms", _are_covariances(bank.forms[:, 2:5], bank.forms[:, 7:10]), "covariances"),
         (f"{name}/walk", _within(bank.walk, LEAST, np.log(max(WIDEST))), "-0.5 to 4.61"),
         (f"{name}/reflection", _sums_to_one(bank.reflection), "probabilities"),
         *((f"{name}/{part}", _within(getattr(bank, part), 0, 1), "probabilities")
           for part in ("existence", "single", "double")),
     ]  # fmt: skip
+
+
+def _are_covariances(*triples: Array) -> bool:
+    """Whether these (S, 3), xx, xy and yy, are those of covariances."""
+    parts = np.concatenate(triples).T
+    slack = 1 + 1e-9
+    return bool((parts[[0, 2]] >= 0).all() and (parts[1] ** 2 <= slack * parts[0] * parts[2]).all())
 
 
 def _claims_of_parked(state: State, anchors: int) -> list[tuple[str, bool, str]]:

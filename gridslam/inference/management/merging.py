@@ -176,13 +176,16 @@ def _united(bank: SurfaceBank, older: int, younger: int) -> SurfaceBank:
     double[:, :, older] = np.maximum(double[:, :, older], double[:, :, younger])
     angles = bank.angles.copy()
     angles[older] += angles[younger]
+    forms = bank.forms.copy()
+    if not forms[older].any():
+        forms[older] = forms[younger]
     outermost, both = bank.outermost.copy().reshape(-1, 2, 4), np.array([older, younger])
     for side, beyond in enumerate((-1.0, 1.0)):
         farthest = both[np.argmax(np.nan_to_num(beyond * extent[both, side], nan=-np.inf))]
         extent[older, side], outermost[older, side] = extent[farthest, side], outermost[farthest, side]
     return replace(
         bank, existence=existence, seen=seen, single=single, double=double, extent=extent,
-        outermost=outermost.reshape(-1, 8), angles=angles,
+        outermost=outermost.reshape(-1, 8), angles=angles, forms=forms,
     )  # fmt: skip
 
 

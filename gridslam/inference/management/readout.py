@@ -15,6 +15,7 @@ from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, SurfaceEs
 from gridslam.inference.management.mixture import poses
 from gridslam.inference.messages.mirrors import mirror_chances, mirror_odds
 from gridslam.inference.messages.path_prediction import links_of
+from gridslam.inference.messages.scatterers import wall_chances
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rays import Rays, listed_at_most
@@ -93,7 +94,8 @@ def _described(
     surfaces = SurfaceEstimate(
         bank.identity.copy(), table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
         table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13],
-        bank.existence * mirror_chances(bank, work.once(mirror_odds, bank)), table[:, 14:],
+        bank.existence * mirror_chances(bank, work.once(mirror_odds, bank)) * wall_chances(bank),
+        table[:, 14:],
         bank.owner.copy(),
     )  # fmt: skip
     number, quantity = number[:several].copy(), quantity[:several].copy()

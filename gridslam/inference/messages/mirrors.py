@@ -138,4 +138,4 @@ def unweighed(state: State) -> State:
 
 def unweighed_bank(bank: SurfaceBank) -> SurfaceBank:
     """The surfaces of such a state."""
-    return replace(bank, angles=np.zeros_like(bank.angles))
+    return replace(bank, angles=np.zeros_like(bank.angles), forms=np.zeros_like(bank.forms))

@@ -23,6 +23,8 @@ ANGLES = 8
 """Sums of what the angles of single bounces say of a surface."""
 SETTLED = 100
 """Age and number of sightings of a surface that an earlier agent left."""
+FORMS = 11
+"""Numbers of a wall and of a point that are fitted to what is heard of a surface."""
 MOST_MOVED = 0.25
 """Share of a coefficient's bin that goes over to either neighbour in one step of its walk at most."""
 WIDEST_WALK = 10.0
@@ -42,6 +44,11 @@ def _not_known(values: dict[str, Any]) -> Array:
 def _none_weighed(values: dict[str, Any]) -> Array:
     """The angles of an earlier version's surfaces, which it didn't weigh so, (S, J, 8)."""
     return np.zeros((values["identity"].size, len(values["single"]), ANGLES))
+
+
+def _none_fitted(values: dict[str, Any]) -> Array:
+    """The forms of an earlier version's surfaces, which it didn't fit, (S, 11)."""
+    return np.zeros((values["identity"].size, FORMS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +86,10 @@ class SurfaceBank:
         (1/rad^2), and by how much they missed a mirror's, times weights (1/rad); of arrivals the same; what
         departures cost (nats) if a mirror, and if a right corner of two walls sends them; and how they lie
         beside that corner's, as vectors (x, y) as long as the weights.
+    forms : (S, 11) float64
+        A wall that stays, and a point that scatters, as fitted to the same, see `messages.scatterers`: of the
+        wall angle (rad), offset (m) and covariance (three numbers), of the point x, y (m) and covariance, and
+        the log odds of the wall (nats). Zeros: nothing was fitted yet.
     """
 
     identity: NDArray[np.int64]
@@ -94,6 +105,7 @@ class SurfaceBank:
     walk: Array = field(metadata={"later": _flat})
     outermost: Array = field(metadata={"later": _not_known, "blank": True})
     angles: Array = field(metadata={"later": _none_weighed})
+    forms: Array = field(metadata={"later": _none_fitted})
 
     def __len__(self) -> int:
         return len(self.identity)
@@ -118,6 +130,7 @@ class SurfaceBank:
             whole, none, np.zeros((0, BINS)), none.copy(), whole.copy(), np.zeros((links, 0)),
             np.zeros((links, 0, 0)), np.zeros((0, 2)), none.copy(), whole.copy(), np.zeros((0, 2)),
             np.zeros((0, 8)), np.zeros((0, links if anchors is None else anchors, ANGLES)),
+            np.zeros((0, FORMS)),
         )  # fmt: skip
 
     @property
@@ -179,6 +192,7 @@ class SurfaceBank:
             _longer(self.walk, 0.0),
             _longer(self.outermost, np.nan),
             _longer(self.angles, 0.0),
+            _longer(self.forms, 0.0),
         )
 
 
