@@ -20,7 +20,7 @@ from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.kernels import LIKELIER_THAN_NOT, UNMEASURED
+from gridslam.kernels import UNMEASURED
 
 AOD, AOA = 1, 2
 """Columns of what is measured: distance, AoD, AoA."""
@@ -54,9 +54,8 @@ def weigh_angles(state: State, paths: PredictedPaths, ratios: LikelihoodRatios, 
     """
     if state.monitor.astray:
         return state
-    index, pair = ratios.pairs.index[: len(ratios.pairs)], ratios.pairs.pair
-    sure = (exchange.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT).nonzero()[0]
-    rows = index[sure, 0]
+    pair, sure = ratios.pairs.pair, exchange.likely_pairs(ratios)
+    rows = ratios.pairs.index[sure, 0]
     # plain numbers: a handful, one by one
     told, predictions, measured = (
         part.tolist() for part in (paths.rays.table[rows], paths.prediction.whole[rows], pair[sure])

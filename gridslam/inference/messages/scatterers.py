@@ -18,7 +18,7 @@ from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.kernels import LIKELIER_THAN_NOT, UNMEASURED
+from gridslam.kernels import UNMEASURED
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit, wrap
 
@@ -60,9 +60,8 @@ def weigh_forms(
     bank, belief = state.surfaces, state.belief
     if state.monitor.astray or belief.clocks or not len(bank) or model.places[:, 3].any():
         return state
-    index, pair = ratios.pairs.index[: len(ratios.pairs)], ratios.pairs.pair
-    sure = (exchange.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT).nonzero()[0]
-    bounces, surface, _, anchor = paths.rays.table[index[sure, 0]].T
+    pair, sure = ratios.pairs.pair, exchange.likely_pairs(ratios)
+    bounces, surface, _, anchor = paths.rays.table[ratios.pairs.index[sure, 0]].T
     open_ = (bounces == 1) & (bank.owner < 0)[surface] & (bank.forms[:, ODDS] < DECIDED)[surface]
     if not open_.any():
         return state

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
@@ -19,6 +20,7 @@ from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels import LIKELIER_THAN_NOT
 from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
 
@@ -60,6 +62,11 @@ class Exchange:
     def responsible(self) -> Array:
         """Probability that a path caused a measurement, (L, M)."""
         return self.message[tables.RESPONSIBLE]
+
+    def likely_pairs(self, ratios: LikelihoodRatios) -> NDArray[np.intp]:
+        """Numbers of those of the ratios' pairs whose path likelier than not caused the measurement."""
+        index = ratios.pairs.index[: len(ratios.pairs)]
+        return (self.responsible[index[:, 0], index[:, 1]] > LIKELIER_THAN_NOT).nonzero()[0]
 
     @property
     def claimed(self) -> Array:
