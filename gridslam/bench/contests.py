@@ -166,6 +166,13 @@ CONTESTS = {
         _path_particles,
         ("path", "probability", "predicted", "scan", "odds", "root", "blocks", "message", "measured"),
     ),
+    "fit_forms": Contest(
+        "surface",
+        reference.fit_forms,
+        lambda case: len(case["form"]),
+        ("heard", "place", "line", "form"),
+        changes=("form",),
+    ),
     "list_paths": Contest("path", reference.list_paths, _listed, ("surface",), size=_surfaces),
     "weigh_by_visibility": Contest(
         "path", reference.weigh_by_visibility, _born, ("born",), changes=("proposal", "measured")

@@ -34,6 +34,7 @@ from gridslam.reference.paths import densities, draw, lines_of, polylines, prepa
 from gridslam.reference.rays import list_paths, near
 from gridslam.reference.readout import describe
 from gridslam.reference.rings import follow_rings, weigh_rings
+from gridslam.reference.scatterers import fit_forms
 from gridslam.reference.sight_filter import follow_sights
 from gridslam.reference.superposition import climb, respond, superpose
 from gridslam.reference.updates import effective_sample_size, exist, fit, update
@@ -66,6 +67,7 @@ __all__ = [
     "find_duplicates",
     "find_ghosts",
     "fit",
+    "fit_forms",
     "fold_messages",
     "follow_rings",
     "follow_sights",
