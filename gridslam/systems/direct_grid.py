@@ -13,9 +13,11 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.inference.management.free_turn import turn_followed
 from gridslam.inference.management.merging import merge_and_prune
+from gridslam.inference.management.no_mirrors import drop_no_mirrors
 from gridslam.inference.management.samples.array_starts import advance, begun
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
+from gridslam.inference.messages.faint_births import remember_leftovers
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.samples.array_births import add_new_surfaces
@@ -34,8 +36,10 @@ from gridslam.inference.messages.samples.array_updates import (
     update_coefficients_by_ratios,
     update_existence,
 )
+from gridslam.inference.messages.samples.heard_bounces import HeardBounces, weigh_angles, weigh_forms
 from gridslam.inference.messages.samples.line_evidence import add_faint_surfaces, gather_evidence
 from gridslam.inference.messages.samples.measured_heading import measure_heading
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -52,7 +56,7 @@ from gridslam.world.waveform import Waveform
 def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) -> tuple[State, StepInfo]:
     """One step, as the list of its messages (docs/model.md, section 12)."""
     work.begin()
-    listened = list[tuple[Snapshot, SnapshotLikelihood]]()
+    listened, left = list[tuple[Snapshot, SnapshotLikelihood]](), list[AnchorScan]()
     exchanges = [SnapshotExchange.silent(anchor) for anchor in range(len(model.anchors))]
     state = predict(state, scan.time_s, len(scan), model)
     calibration_used = state.calibration
@@ -64,17 +68,23 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         snapshot = take_snapshot(state, anchor, scan, paths, visible, amplitudes, model, work=work)
         state, likelihood = evaluate_snapshot(state, snapshot, model, work=work)  # (M151) to (M153)
         state = update_existence(state, snapshot, likelihood, work=work)
+        heard = HeardBounces.of(snapshot, likelihood)  # (M562)
+        state = weigh_angles(state, paths, heard)  # (M517)
+        state = weigh_forms(state, heard, model)  # (M559)
         state = learn_noise(state, anchor, likelihood)
-        state, _ = add_new_surfaces(state, snapshot, likelihood, model, work=work)  # (M154)
+        state, new = add_new_surfaces(state, snapshot, likelihood, model, work=work)  # (M154), (M516)
         state = gather_evidence(state, snapshot, likelihood, model, work=work)  # (M157)
         exchanges[anchor] = exchange_of(snapshot, likelihood, model)
         listened.append((snapshot, likelihood))
+        left.append(new)
     state = measure_heading(state, scan, model)  # (M519)
     state = add_faint_surfaces(state, listened, model, work=work)  # (M158)
     if listened:
         drawn = cast_messages(state, model, work=work)
         state = update_coefficients_by_ratios(state, drawn, listened, model, work=work)  # (M155)
         state = update_cells(state, work=work)
+        state = remember_leftovers(state, left, np.ones(sum(map(len, left)), bool), model, work=work)
+    state = drop_no_mirrors(state, model, work=work)  # (M517), (M548)
     state = merge_and_prune(state, model, by_ratio=True)
     return conclude(state, exchanges, calibration_used, model, work)
 

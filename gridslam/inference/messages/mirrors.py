@@ -52,26 +52,36 @@ def weigh_angles(state: State, paths: PredictedPaths, ratios: LikelihoodRatios, 
     exchange : Exchange
         Which of them did.
     """
-    if state.monitor.astray:
-        return state
     pair, sure = ratios.pairs.pair, exchange.likely_pairs(ratios)
-    rows = ratios.pairs.index[sure, 0]
+    return weigh_heard_angles(state, paths, ratios.pairs.index[sure, 0], pair[sure])
+
+
+def weigh_heard_angles(state: State, paths: PredictedPaths, rows: NDArray[np.intp], heard: Array) -> State:
+    """The same by D measurements of paths.
+
+    Parameters
+    ----------
+    rows : (D,)
+        Which of the paths.
+    heard : (D, 6 or more)
+        Distance (m), AoD and AoA (rad), and their own variances; `UNMEASURED` for none.
+    """
     # plain numbers: a handful, one by one
     told, predictions, measured = (
-        part.tolist() for part in (paths.rays.table[rows], paths.prediction.whole[rows], pair[sure])
+        part.tolist() for part in (paths.rays.table[rows], paths.prediction.whole[rows], heard)
     )
-    if all(bounces != 1 for bounces, *_ in told):
+    if state.monitor.astray or all(bounces != 1 for bounces, *_ in told):
         return state
     bank, belief = state.surfaces, state.belief
     heading, angles, normals = float(belief.mean[HEADING]), bank.angles.copy(), belief.lines[:, 0].tolist()
-    for (bounces, last, _, anchor), predicted, heard in zip(told, predictions, measured, strict=True):
+    for (bounces, last, _, anchor), predicted, found in zip(told, predictions, measured, strict=True):
         if bounces != 1:
             continue
         sums = angles[last, anchor].tolist()
         for kind, to in ((AOD, DEPARTED), (AOA, ARRIVED)):
-            if heard[3 + kind] < UNMEASURED:
-                std = math.sqrt(predicted[VARIANCE[kind]] + heard[3 + kind])
-                angle = math.remainder(heard[kind] - predicted[kind], math.tau)
+            if found[3 + kind] < UNMEASURED:
+                std = math.sqrt(predicted[VARIANCE[kind]] + found[3 + kind])
+                angle = math.remainder(found[kind] - predicted[kind], math.tau)
                 missed = limited(angle / std)
                 _add(sums, to, std**-2, missed / std)
                 if kind == AOD:

@@ -99,6 +99,14 @@ class AnchorScan:
         table = _table(value, own_std, amplitude, label, threshold)
         return cls(anchor, position, orientation, height, value, own_std, amplitude, label, table)
 
+    def take(self, rows: NDArray[np.intp]) -> AnchorScan:
+        """Some of them."""
+        return replace(
+            self, value=self.value[rows], own_std=self.own_std[rows], amplitude=self.amplitude[rows],
+            label=self.label[rows], table=self.table[rows],
+            elevation=None if self.elevation is None else self.elevation[rows],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class SplitScan(Sequence[AnchorScan]):

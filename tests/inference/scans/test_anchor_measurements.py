@@ -8,6 +8,7 @@ from filter_states import model_of
 
 import gridslam as gs
 from gridslam.inference.scans.anchor_measurements import (
+    AnchorScan,
     deviations,
     own_deviations,
     split_by_anchor,
@@ -82,3 +83,17 @@ def test_a_calibration_that_changes_nothing_leaves_the_model_as_it_is():
     assert model.calibrated(np.zeros(2), model.higher) is model
     turned = model.calibrated(np.array([0.0, 0.1]), model.higher)
     np.testing.assert_allclose(turned.anchor_orientations, [0.0, 0.5 * np.pi + 0.1])
+
+
+def test_some_of_them_are_as_if_the_others_had_not_been_there():
+    value = np.array([[5.0, 0.1, 0.2], [6.0, 0.3, np.nan], [7.0, 0.5, 0.6]])
+    std, amplitude = np.full((3, 3), 0.01) * [[1], [2], [3]], np.array([3.0, 4.0, 9.0])
+    place, some = np.array([1.0, 2.0]), np.array([2, 1])
+    whole = AnchorScan.of(4, place, 0.3, value, std, amplitude, 2.0)
+    alone = AnchorScan.of(4, place, 0.3, value[some], std[some], amplitude[some], 2.0)
+    taken = whole.take(some)
+    for name in ("value", "own_std", "amplitude", "label", "table"):
+        np.testing.assert_array_equal(getattr(taken, name), getattr(alone, name))
+    assert taken.anchor == 4
+    assert taken.elevation is None
+    assert taken.whole.tolist() == [True, False]

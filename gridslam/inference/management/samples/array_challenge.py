@@ -23,6 +23,7 @@ from gridslam.inference.management.poses.pose_score import Snapshot
 from gridslam.inference.management.poses.pose_search import Modes, find_modes
 from gridslam.inference.management.samples.paths_alone import alone, headed, mapped
 from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.messages.mirrors import unweighed
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.scans.anchor_measurements import LOUD
 from gridslam.inference.state.population import Population
@@ -126,10 +127,8 @@ def _moved(
     if _reaches(prior, pose, covariance):
         fix = Fix(pose, covariance, 0.0, 0.0)
         belief = moved(prior.belief, fix, float(model.start_variance[2]))
-        there = prior.believing(belief)
-        return replace(
-            there, time_s=None, surfaces=state.surfaces, calibration=state.calibration, monitor=monitor
-        )
+        there = unweighed(replace(prior.believing(belief), surfaces=state.surfaces))
+        return replace(there, time_s=None, calibration=state.calibration, monitor=monitor)
     blank = replace(
         fresh, calibration=state.calibration, noise=state.noise, step=state.step,
         next_identity=state.next_identity, turn_variance=None if state.turn_variance is None else ANY,
@@ -137,7 +136,7 @@ def _moved(
     )  # fmt: skip
     kept = float(over.score(pose[None])[0] - paths.score(pose[None])[0]) > KEEPS
     velocity = float(model.start_variance[2])
-    return replace(branches_of(state if kept else blank, modes, velocity)[0], monitor=monitor)
+    return replace(branches_of(unweighed(state) if kept else blank, modes, velocity)[0], monitor=monitor)
 
 
 def _reaches(prior: State, pose: Array, covariance: Array) -> bool:

@@ -13,6 +13,8 @@ from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.messages.birth_proposals import SAMPLES, propose_births
 from gridslam.inference.messages.births import add_chosen
+from gridslam.inference.messages.double_bounces import put_off_double_bounces
+from gridslam.inference.messages.faint_births import KNOWN
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, NewPaths, level_of
@@ -34,23 +36,24 @@ class _Peaks:
 
 def add_new_surfaces(
     state: State, snapshot: Snapshot, likelihood: SnapshotLikelihood, model: SignalModel, *, work: Workspace
-) -> tuple[State, Array]:
+) -> tuple[State, AnchorScan]:
     """Surfaces behind the new paths, as if these were measurements with the deviations that they have.
 
     Returns
     -------
-    (state, born)
-        born (B, 2): path and existence of every new surface.
+    (state, left)
+        left: the new paths that bore none.
     """
     new, anchor = likelihood.found.new, snapshot.anchor
-    if not len(new):
-        return state, np.zeros((0, 2))
     peaks, radio = peaks_of(new, anchor, snapshot.band, snapshot.radio, model)
+    if not len(new):
+        return state, peaks
     draw = np.random.default_rng([work.seed, PURPOSE, state.step, anchor])
     cloud = _cloud(state.belief, draw.standard_normal((len(state.belief.mean), SAMPLES)))
     births, _ = propose_births(state, peaks, cloud, _Peaks(np.zeros((4, len(new)))), radio, model, work=work)
+    births = put_off_double_bounces(births, state, peaks, radio, model)  # (M516)
     state, born, _ = add_chosen(state, births, peaks, np.zeros(len(new)), radio, model)
-    return state, born
+    return state, peaks.take(np.setdiff1d(np.arange(len(new)), born[born[:, 1] > KNOWN, 0].astype(np.intp)))
 
 
 def peaks_of(
