@@ -67,11 +67,10 @@ def on_time(heard: Array, belief: Belief, anchor: NDArray[np.intp]) -> Array:
     """Measurements (D, 6) of anchors (D,) as if clocks were known: their means taken off, variances added."""
     if not belief.clocks:
         return heard
-    clock = belief.layout.anchor_clocks.start + anchor
-    return heard + np.column_stack([
-        -belief.mean[clock], *np.zeros((2, len(heard))), belief.covariance[clock, clock],
-        *np.zeros((2, len(heard))),
-    ])  # fmt: skip
+    clock, after = belief.layout.anchor_clocks.start + anchor, heard.copy()
+    after[:, 0] -= belief.mean[clock]
+    after[:, 3] += belief.covariance[clock, clock]
+    return after
 
 
 def undecided(bank: SurfaceBank) -> NDArray[np.bool_]:
