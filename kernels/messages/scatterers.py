@@ -97,11 +97,8 @@ def begin(
     if heard[row, 5] >= UNMEASURED:
         near, far, angle = there, here, heard[row, 1] + place[row, 2]
     away, apart, length = ti.Vector([cos_of(angle), sin_of(angle)], dt=ti.f64), far - near, heard[row, 0]
-    rest = ti.max(length - dot(away, apart), NEAR_M)
-    reach = ti.max(
-        0.5 * (length * length - dot(apart, apart)) / rest, NEAR_M
-    )  # both ways are as long together
-    reach = ti.min(reach, length)
+    rest = ti.max(length - dot(away, apart), NEAR_M)  # of both ways, which are `length` together
+    reach = ti.min(ti.max(0.5 * (length * length - dot(apart, apart)) / rest, NEAR_M), length)
     form[row, POINT], form[row, POINT + 1] = near[0] + reach * away[0], near[1] + reach * away[1]
     form[row, POINT + 2], form[row, POINT + 3], form[row, POINT + 4] = SHIFTED_M**2, 0.0, SHIFTED_M**2
     form[row, ODDS] = 0.0
