@@ -293,14 +293,14 @@ particles = 512
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["grid", "adaptive"])
 def test_posts_in_a_room_are_no_walls(method):
-    """Of five seeds 30 (grid) and 26 false walls before, as either anchor hears either post."""
+    """Of three seeds 18 (grid) and 17 false walls before, as either anchor hears either post."""
     scene, false = gs.Scene.from_toml(ROOM, "posts"), 0
-    for seed in range(5):
+    for seed in range(3):
         run = gs.map_scene(scene, gs.simulate(scene, "agent1", seed), method=method, seed=seed)
         score = run.score(gs.ground_truth(scene, "agent1"))
         assert score["surfaces_matched"] == 4
         false += score["surfaces_false"]
-    assert false <= 13
+    assert false <= 9
 
 
 def test_clocks_are_taken_off_distances_each_anchor_s_own():
