@@ -49,3 +49,6 @@ OPEN = 0.5
 SUMS = 9
 """What `fitting` sums up of an anchor: misfit, degrees of freedom; gain times its precision, and
 that; explained, loud; turn times its precision, and that; and the least effective number of particles."""
+
+DECIDED = 30.0
+"""Log odds from which on a wall isn't looked at any more, and beyond which those of a point don't go."""

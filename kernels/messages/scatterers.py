@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import UNMEASURED
+from gridslam.kernels import DECIDED, UNMEASURED
 from gridslam.kernels.primitives.functions import bearing_of, cos_of, dot, logarithm_of, sin_of, wrapped
 from gridslam.kernels.primitives.gaussian import mirror_of
 from gridslam.kernels.primitives.launching import quick
@@ -13,9 +13,8 @@ BELIEVED, SHIFTED_M = 4.0, 1.0
 """Variances of the line as it is believed, with which a wall begins; deviation of the point's place, m."""
 FADING = 1.02
 """Growth of a covariance with each measurement: poses that are off together don't average out."""
-MOST_TOLD, MOST_SURPRISED, DECIDED = 3.0, 3.0, 30.0
-"""What one measurement may tell at most, nats; by how many deviations it may move a form; a point's log odds
-go no further than that."""
+MOST_TOLD, MOST_SURPRISED = 3.0, 3.0
+"""What one measurement may tell at most, nats, and by how many deviations it may move a form."""
 NEAR_M = 0.05
 """Lengths are not taken to be shorter."""
 
@@ -32,53 +31,13 @@ def fit_forms(
 ):
     """Correct both forms of D surfaces by a measurement of each, and their log odds (M560)."""
     ti.loop_config(serialize=True)
-    here = ti.Vector([pose[0], pose[1]], dt=ti.f64)
     for row in range(form.shape[0]):
-        there = ti.Vector([place[row, 0], place[row, 1]], dt=ti.f64)
         fresh = form[row, 2] == 0 and form[row, 4] == 0 and form[row, 7] == 0 and form[row, 9] == 0
         if fresh:
-            begin(row, here, there, pose[2], heard, place, line, form)
-        a, b = form[row, WALL], form[row, WALL + 1]
-        back, by_angle, by_offset = mirror_of(there[0], there[1], a, b)
-        out, out_by_angle, out_by_offset = mirror_of(here[0], here[1], a, b)
-        coming, going = back - here, out - there
-        length = ti.max(ti.sqrt(dot(coming, coming)), NEAR_M)
-        ahead, across = coming / length, turned(coming) / length
-        aside = turned(going) / (length * length)
-        value = ti.Vector(
-            [
-                length,
-                bearing_of(going[0], going[1]) - place[row, 2],
-                bearing_of(coming[0], coming[1]) - pose[2],
-            ],
-            dt=ti.f64,
-        )
-        slope = ti.Matrix(
-            [
-                [dot(ahead, by_angle), dot(ahead, by_offset)],
-                [dot(aside, out_by_angle), dot(aside, out_by_offset)],
-                [dot(across, by_angle) / length, dot(across, by_offset) / length],
-            ],
-            dt=ti.f64,
-        )
-        bend = ti.Vector([dot(across, by_angle), dot(across, by_offset)], dt=ti.f64)
-        lateral = extent(form, row, WALL, bend) / length
+            begin(row, pose, heard, place, line, form)
+        value, slope, lateral = off_wall(row, pose, place, form)
         said = corrected(form, row, WALL, value, slope, lateral, heard, known)
-
-        point = ti.Vector([form[row, POINT], form[row, POINT + 1]], dt=ti.f64)
-        going, coming = point - there, point - here
-        away = ti.max(ti.sqrt(dot(going, going)), NEAR_M)
-        near = ti.max(ti.sqrt(dot(coming, coming)), NEAR_M)
-        going, coming = going / away, coming / near
-        departing = bearing_of(going[0], going[1]) - place[row, 2]
-        arriving = bearing_of(coming[0], coming[1]) - pose[2]
-        value = ti.Vector([away + near, departing, arriving], dt=ti.f64)
-        by_length, by_out, by_in = going + coming, turned(going) / away, turned(coming) / near
-        slope = ti.Matrix(
-            [[by_length[0], by_length[1]], [by_out[0], by_out[1]], [by_in[0], by_in[1]]], dt=ti.f64
-        )
-        lateral = extent(form, row, POINT, turned(going)) / away
-        lateral += extent(form, row, POINT, turned(coming)) / near
+        value, slope, lateral = off_point(row, pose, place, form)
         said -= corrected(form, row, POINT, value, slope, lateral, heard, known)
         if not fresh:
             told = ti.min(ti.max(said, -MOST_TOLD), MOST_TOLD)
@@ -86,14 +45,59 @@ def fit_forms(
 
 
 @ti.func
+def off_wall(row, pose: ti.template(), place: ti.template(), form: ti.template()):
+    """Distance, AoD and AoA off a wall, their slopes by it, and its extent across the way over the length."""
+    here = ti.Vector([pose[0], pose[1]], dt=ti.f64)
+    there = ti.Vector([place[row, 0], place[row, 1]], dt=ti.f64)
+    angle, offset = form[row, WALL], form[row, WALL + 1]
+    back, by_angle, by_offset = mirror_of(there[0], there[1], angle, offset)
+    out, out_by_angle, out_by_offset = mirror_of(here[0], here[1], angle, offset)
+    coming, going = back - here, out - there
+    length = ti.max(ti.sqrt(dot(coming, coming)), NEAR_M)
+    ahead, across = coming / length, turned(coming) / length
+    aside = turned(going) / (length * length)
+    departing = bearing_of(going[0], going[1]) - place[row, 2]
+    arriving = bearing_of(coming[0], coming[1]) - pose[2]
+    bend = ti.Vector([dot(across, by_angle), dot(across, by_offset)], dt=ti.f64)
+    slope = ti.Matrix(
+        [
+            [dot(ahead, by_angle), dot(ahead, by_offset)],
+            [dot(aside, out_by_angle), dot(aside, out_by_offset)],
+            [bend[0] / length, bend[1] / length],
+        ],
+        dt=ti.f64,
+    )
+    lateral = extent(form, row, WALL, bend) / length
+    return ti.Vector([length, departing, arriving], dt=ti.f64), slope, lateral
+
+
+@ti.func
+def off_point(row, pose: ti.template(), place: ti.template(), form: ti.template()):
+    """The same off a point, about which a length bends from either end."""
+    point = ti.Vector([form[row, POINT], form[row, POINT + 1]], dt=ti.f64)
+    going = point - ti.Vector([place[row, 0], place[row, 1]], dt=ti.f64)
+    coming = point - ti.Vector([pose[0], pose[1]], dt=ti.f64)
+    far, near = ti.max(ti.sqrt(dot(going, going)), NEAR_M), ti.max(ti.sqrt(dot(coming, coming)), NEAR_M)
+    going, coming = going / far, coming / near
+    departing = bearing_of(going[0], going[1]) - place[row, 2]
+    arriving = bearing_of(coming[0], coming[1]) - pose[2]
+    by_length, by_out, by_in = going + coming, turned(going) / far, turned(coming) / near
+    slope = ti.Matrix([[by_length[0], by_length[1]], [by_out[0], by_out[1]], [by_in[0], by_in[1]]], dt=ti.f64)
+    lateral = extent(form, row, POINT, turned(going)) / far + extent(form, row, POINT, turned(coming)) / near
+    return ti.Vector([far + near, departing, arriving], dt=ti.f64), slope, lateral
+
+
+@ti.func
 def begin(
-    row, here, there, heading,
-    heard: ti.template(), place: ti.template(), line: ti.template(), form: ti.template(),
+    row, pose: ti.template(), heard: ti.template(), place: ti.template(), line: ti.template(),
+    form: ti.template(),
 ):  # fmt: skip
     """A wall as it is believed, and a point on the way to where it was heard from."""
     for n in ti.static(range(5)):
         form[row, WALL + n] = line[row, n] * (1.0 if n < 2 else BELIEVED)
-    near, far, angle = here, there, heard[row, 2] + heading
+    here = ti.Vector([pose[0], pose[1]], dt=ti.f64)
+    there = ti.Vector([place[row, 0], place[row, 1]], dt=ti.f64)
+    near, far, angle = here, there, heard[row, 2] + pose[2]
     if heard[row, 5] >= UNMEASURED:
         near, far, angle = there, here, heard[row, 1] + place[row, 2]
     away, apart, length = ti.Vector([cos_of(angle), sin_of(angle)], dt=ti.f64), far - near, heard[row, 0]

@@ -22,6 +22,7 @@ from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
+from gridslam.kernels import DECIDED
 from gridslam.world.filter_model import FilterModel
 
 POSE = np.array([0, 1, HEADING])
@@ -29,8 +30,6 @@ OF_POSE = np.ix_(POSE, POSE)
 ODDS = 10
 """Column of `SurfaceBank.forms` with the log odds; before it of either form, wall and point, mean (2,) and
 covariance (xx, xy, yy)."""
-DECIDED = 30.0
-"""Log odds from which on a wall isn't looked at any more, and beyond which a point's don't go."""
 WALLS, BESIDE = 5.0, -1.0
 """Log odds of a wall beforehand, and of what may be heard of a point that is known."""
 KNOWN, SHARP_M, SAME_M = -10.0, 0.1, 0.3

@@ -13,9 +13,9 @@ from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management import readout
 from gridslam.inference.management.merging import _united
 from gridslam.inference.messages.mirrors import unweighed_bank
-from gridslam.inference.messages.scatterers import BESIDE, DECIDED, ODDS, WALLS, fitted, on_time, wall_chances
+from gridslam.inference.messages.scatterers import BESIDE, ODDS, WALLS, fitted, on_time, wall_chances
 from gridslam.inference.state.surface_bank import FORMS, SurfaceBank
-from gridslam.kernels import UNMEASURED
+from gridslam.kernels import DECIDED, UNMEASURED
 from gridslam.reference.scatterers import FADING, MOST_TOLD, POINT, WALL, off_point, off_wall
 from gridslam.world.geometry import trace, unit, wrap
 
