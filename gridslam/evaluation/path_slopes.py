@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.layout import AGENT
+from gridslam.inference.beliefs.layout import AGENT, POSE
 from gridslam.simulation.image_source import TruePaths
 from gridslam.world.geometry import lean, level_of, trace, unit
 from gridslam.world.scene import Scene
@@ -75,7 +75,7 @@ def path_jacobian(
         heights,
     )
     jacobian = np.zeros((len(paths), 3, AGENT + 2 * len(surface)))
-    jacobian[:, :, [0, 1, 4]] = geometry.jacobian[:, :, :3]
+    jacobian[:, :, POSE] = geometry.jacobian[:, :, :3]
     for used, which, columns in ((paths.bounces > 0, last, (3, 4)), (double, hit[:, 0], (5, 6))):
         rows = np.flatnonzero(used)
         slot = AGENT + 2 * np.searchsorted(surface, which[rows])

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 AGENT = 5
 """Entries of an agent's pose: x, y, vx, vy, heading."""
 HEADING = 4
+POSE = np.array([0, 1, HEADING])
+OF_POSE = np.ix_(POSE, POSE)
+"""Entries of position and heading in an agent's pose, and of their covariance."""
 PER_LINE = 2
 
 

@@ -13,14 +13,13 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.beliefs.layout import AGENT, HEADING, OF_POSE, POSE
 from gridslam.inference.management.poses.pose_search import Modes
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 
-POSE = np.array([0, 1, HEADING])
 TOO_WIDE, NARROW, APART, REACH = 1.5, 0.8, 1.2, 2.5
 """In units of the width that can be linearised about: from which on a Gaussian is split, components' width,
 and their distance in units of that; deviations of the centres to which they reach."""
@@ -40,7 +39,7 @@ def placed(state: State, pose: Array, covariance: Array, velocity: float) -> Sta
     mean, joint = state.belief.mean.copy(), state.belief.covariance.copy()
     mean[POSE], mean[2:4] = pose, 0.0
     joint[:AGENT], joint[:, :AGENT] = 0.0, 0.0
-    joint[np.ix_(POSE, POSE)] = covariance
+    joint[OF_POSE] = covariance
     joint[2, 2] = joint[3, 3] = velocity
     parked = None if state.parked is None else state.parked.unlinked()
     return replace(state, belief=replace(state.belief, mean=mean, covariance=joint), parked=parked)
@@ -49,7 +48,7 @@ def placed(state: State, pose: Array, covariance: Array, velocity: float) -> Sta
 def conditioned(state: State, pose: Array, covariance: Array) -> State:
     """The state, given that its agent's pose is about so: all else follows by its correlation."""
     mean, joint = state.belief.mean, state.belief.covariance
-    own = joint[np.ix_(POSE, POSE)]
+    own = joint[OF_POSE]
     gain = np.linalg.solve(own + SLACK * np.eye(3), joint[POSE]).T
     gap = pose - mean[POSE]
     gap[2] = wrap(gap[2])

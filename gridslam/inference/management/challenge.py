@@ -13,6 +13,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.health.doubt import ONE_ALONE, Doubt
 from gridslam.inference.health.monitor import SILENT, SWAMPED
 from gridslam.inference.management.branching import branches_of
@@ -23,7 +24,6 @@ from gridslam.inference.management.poses.pose_fix import Sources, known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, freed, leap
 from gridslam.inference.management.poses.pose_score import Snapshot
 from gridslam.inference.management.poses.pose_search import (
-    POSE,
     POSES_BY_MAP,
     Modes,
     find_modes,
@@ -236,7 +236,7 @@ def _leapt(rival: State, states: Sequence[State], scan: Scan, model: FilterModel
     for state in states:
         elapsed = 0.0 if state.time_s is None else scan.time_s - state.time_s
         led = freed(predict_agent(state.belief, elapsed, settings), elapsed, settings.acceleration_mps2)
-        leaps.append(leap(led, rival.belief.mean[POSE], rival.belief.covariance[np.ix_(POSE, POSE)]))
+        leaps.append(leap(led, rival.belief.mean[POSE], rival.belief.covariance[OF_POSE]))
     return replace(rival, monitor=rival.monitor.leapt(min(leaps)))
 
 

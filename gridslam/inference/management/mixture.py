@@ -9,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.beliefs.layout import AGENT, HEADING, OF_POSE, POSE
 from gridslam.inference.state.arrangement import arranged, unparked
 from gridslam.inference.state.population import Population, moments
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit, wrap
 
-POSE = np.array([0, 1, 4])
 SLACK = np.array([0.03, 0.03, 0.02]) ** 2
 """Added to the pooled variances of two poses, m^2 and rad^2."""
 TOGETHER = 3.0
@@ -69,7 +68,7 @@ def agent_moments(population: Population[State]) -> tuple[Array, Array]:
 def together(states: Sequence[State]) -> NDArray[np.bool_]:
     """Which agents (K, K) are within `TOGETHER` squared pooled deviations of each other."""
     pose = np.array([state.belief.mean[POSE] for state in states])
-    spread = np.array([state.belief.covariance[np.ix_(POSE, POSE)] for state in states])
+    spread = np.array([state.belief.covariance[OF_POSE] for state in states])
     gap = pose[:, None] - pose[None]
     gap[..., 2] = wrap(gap[..., 2])
     pooled = 0.5 * (spread[:, None] + spread[None]) + np.diag(SLACK)

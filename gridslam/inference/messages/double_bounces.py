@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.layout import HEADING, OF_POSE, POSE
 from gridslam.inference.messages.births import Births
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.scans.leftovers import Leftovers
@@ -34,7 +34,6 @@ REACH, SLACK_M = 3.0, 0.1
 """Deviations within which two images are one, and what is added to them."""
 NEAR_M = 0.1
 """Lengths are not taken to be shorter."""
-POSE = np.array([0, 1, HEADING])
 
 
 def put_off_double_bounces(
@@ -121,7 +120,7 @@ def mirror_odds(
     tangent = unit(normal + 0.5 * np.pi) / apart
     turned = 2 * length * float(across @ tangent) - 1
     by_image, by_pose = 2 * tangent - across / length, np.append(2 * tangent, turned)
-    noise, known = 1 / weight.sum(), belief.covariance[np.ix_(POSE, POSE)]
+    noise, known = 1 / weight.sum(), belief.covariance[OF_POSE]
     mirror = noise + by_image @ spread @ by_image + by_pose @ known @ by_pose
     corner = noise + across @ spread @ across / length**2 + known[2, 2]
     double = CORNERS * _normal(by_corner, corner) + (1 - CORNERS) / (2 * np.pi)

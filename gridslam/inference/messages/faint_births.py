@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
-from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
@@ -27,8 +27,6 @@ from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS, REFLECTION_BINS, RadioModel
 
-POSE = np.array([0, 1, HEADING])
-OF_POSE = np.ix_(POSE, POSE)
 CERTAIN = 5.0
 """Ratio to clutter from which on a birth needs no help, and known causes from which on it gets none."""
 KNOWN = 0.5

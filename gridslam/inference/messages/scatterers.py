@@ -16,7 +16,7 @@ from scipy.special import expit
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
@@ -25,8 +25,6 @@ from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import DECIDED
 from gridslam.world.filter_model import FilterModel
 
-POSE = np.array([0, 1, HEADING])
-OF_POSE = np.ix_(POSE, POSE)
 ODDS = 10
 """Column of `SurfaceBank.forms` with the log odds; before it of either form, wall and point, mean (2,) and
 covariance (xx, xy, yy)."""

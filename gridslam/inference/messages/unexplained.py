@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import replace
-from gridslam.inference.messages.faint_births import OF_POSE, POSE
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.scans.anchor_measurements import AnchorScan, own_deviations, whole_of
 from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.inference.state.state import State

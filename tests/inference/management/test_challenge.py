@@ -8,6 +8,7 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
+from gridslam.inference.beliefs.layout import POSE
 from gridslam.inference.health.doubt import (
     ASKED_EVIDENCE,
     DOUBT_STEPS,
@@ -33,7 +34,7 @@ from gridslam.inference.management.challenge import (
     watched,
 )
 from gridslam.inference.management.mixture import poses
-from gridslam.inference.management.poses.pose_search import POSE, Modes
+from gridslam.inference.management.poses.pose_search import Modes
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.state.population import Population
 from gridslam.simulation.image_source import simulate_labelled, true_paths

@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.health.fresh_look import ANOTHER, BEYOND_ONE
 from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.management.network.recovery import FLOOR, Beacons, log_likelihood, placed_at
 from gridslam.inference.management.poses.one_mirror import shown_by_mirror
-from gridslam.inference.management.poses.pose_fix import COPIES, POSE, Fix, best_pose
+from gridslam.inference.management.poses.pose_fix import COPIES, Fix, best_pose
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_scan
 from gridslam.inference.state.grid import Grid
@@ -139,7 +140,7 @@ def _looked(
     alone = float(likelihood(fix.pose[None], beacons.only(shown))[0]) if shown.any() else 0.0
     gap = fix.pose - part.belief.mean[POSE]
     gap[2] = wrap(gap[2])
-    own = part.belief.covariance[np.ix_(POSE, POSE)] + fix.covariance + FLOOR
+    own = part.belief.covariance[OF_POSE] + fix.covariance + FLOOR
     return Look(fix, float(gap @ np.linalg.solve(own, gap)), nats, nats - alone)
 
 

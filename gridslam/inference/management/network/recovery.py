@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.beliefs.layout import AGENT
+from gridslam.inference.beliefs.layout import AGENT, POSE
 from gridslam.inference.health.early_watch import EARLY
 from gridslam.inference.health.monitor import MOST_LOUD
 from gridslam.inference.management.poses.pose_fix import (
@@ -179,7 +179,7 @@ def placed_at(state: NetworkState, agent: int, fix: Fix, velocity: float) -> Net
                                     (1.0, 1.0, velocity, velocity, 1.0), strict=True):  # fmt: skip
         belief = belief.independent(row, float(value), variance)
     covariance = belief.covariance.copy()
-    covariance[np.ix_(rows[[0, 1, 4]], rows[[0, 1, 4]])] = blurred
+    covariance[np.ix_(rows[POSE], rows[POSE])] = blurred
     return replace(state, belief=replace(belief, covariance=covariance))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.health.monitor import MOST_LOUD
 from gridslam.inference.messages.amplitudes import DetectionTable
 from gridslam.inference.messages.path_prediction import paths_now
@@ -29,8 +29,6 @@ from gridslam.world.geometry import direction, level_of, mirror, slant, unit, wr
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scene_parts import GridSpec
 
-POSE = np.array([0, 1, HEADING])
-"""Entries of the agent's pose in the state."""
 COPIES, DRAWN, REFINED = 10, 150, 400
 """Draws per hypothesis, of the belief, and about the best pose."""
 MODE_M, MODE_RAD = 0.6, 0.45
@@ -163,8 +161,8 @@ def best_pose(
     """
     if not len(asked):
         return None
-    mean, wide = belief.mean[POSE], belief.covariance[np.ix_(POSE, POSE)]
-    narrow = expected.covariance[np.ix_(POSE, POSE)]
+    mean, wide = belief.mean[POSE], belief.covariance[OF_POSE]
+    narrow = expected.covariance[OF_POSE]
     # after a silence of days its entries differ by more than a double's digits, and can't be checked
     known = draw.multivariate_normal(mean, narrow, DRAWN, method="eigh", check_valid="ignore")
     bound = np.linalg.inv(wide + np.diag([0.1, 0.1, 0.1]))

@@ -14,9 +14,9 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.beliefs.layout import AGENT, HEADING, OF_POSE, POSE
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD, SWAMPED
-from gridslam.inference.management.poses.pose_fix import MAP_M, POSE, Fix, find_pose, known_sources
+from gridslam.inference.management.poses.pose_fix import MAP_M, Fix, find_pose, known_sources
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.mirrors import unweighed
 from gridslam.inference.messages.path_prediction import predict_every_path
@@ -151,7 +151,7 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
     wide = blurred(fix.covariance)
     gap = fix.pose - belief.mean[POSE]
     gap[2] = wrap(gap[2])
-    own = belief.covariance[np.ix_(POSE, POSE)] + wide
+    own = belief.covariance[OF_POSE] + wide
     if gap @ np.linalg.solve(own, gap) < TOO_FAR**2:
         select = np.zeros((3, len(belief.mean)))
         select[range(3), POSE] = 1.0
@@ -163,7 +163,7 @@ def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
         mean, covariance = belief.mean.copy(), belief.covariance.copy()
         mean[POSE], mean[2:4] = fix.pose, 0.0
         covariance[:AGENT], covariance[:, :AGENT] = 0.0, 0.0
-        covariance[np.ix_(POSE, POSE)] = wide
+        covariance[OF_POSE] = wide
         covariance[2, 2] = covariance[3, 3] = velocity
     mean[HEADING] = wrap(mean[HEADING])
     return replace(belief, mean=mean, covariance=0.5 * (covariance + covariance.T))

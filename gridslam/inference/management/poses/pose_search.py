@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.management.poses.pose_score import Snapshot, SnapshotTerms
 from gridslam.world.geometry import level_of, unit, wrap
 from gridslam.world.scene_parts import GridSpec
 
-POSE = np.array([0, 1, 4])
-"""Entries of the agent's pose in the state."""
 POSES, COPIES, BEARINGS = 200_000, 20, 720
 """Uniform poses; draws per measurement that may be a line of sight, and bearings where it tells none."""
 POSES_BY_MAP = 8_000
@@ -95,7 +94,7 @@ def find_modes(
         Names the stream of random numbers.
     """
     draw = np.random.default_rng(list(stream))
-    mean, covariance = prior.mean[POSE], prior.covariance[np.ix_(POSE, POSE)]
+    mean, covariance = prior.mean[POSE], prior.covariance[OF_POSE]
     headed, near_by = snapshot.tells_heading, covariance.copy()
     if not headed:
         near_by[2], near_by[:, 2], near_by[2, 2] = 0.0, 0.0, AHEAD**2

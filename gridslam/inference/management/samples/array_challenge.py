@@ -13,11 +13,12 @@ from dataclasses import replace as changed
 import numpy as np
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.health.doubt import DOUBT_STEPS, ELSEWHERE, ONE_ALONE, Doubt
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.challenge import LISTED, POSES, anywhere, best_snapshot, refined
 from gridslam.inference.management.free_turn import ANY, with_turn
-from gridslam.inference.management.poses.pose_fix import POSE, Fix
+from gridslam.inference.management.poses.pose_fix import Fix
 from gridslam.inference.management.poses.pose_recovery import TOO_FAR, blurred, moved
 from gridslam.inference.management.poses.pose_score import Snapshot
 from gridslam.inference.management.poses.pose_search import Modes, find_modes
@@ -143,5 +144,5 @@ def _reaches(prior: State, pose: Array, covariance: Array) -> bool:
     """Whether a belief reaches a pose, so that it may be corrected by it."""
     gap = pose - prior.belief.mean[POSE]
     gap[2] = wrap(gap[2])
-    own = prior.belief.covariance[np.ix_(POSE, POSE)] + blurred(covariance)
+    own = prior.belief.covariance[OF_POSE] + blurred(covariance)
     return bool(gap @ np.linalg.solve(own, gap) < TOO_FAR**2)

@@ -11,8 +11,8 @@ import numpy as np
 
 from gridslam import runtime
 from gridslam.arrays import Array, replace
+from gridslam.inference.beliefs.layout import POSE
 from gridslam.inference.messages.births import Births, add_chosen
-from gridslam.inference.messages.faint_births import POSE
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
 from gridslam.inference.messages.samples.matched_power import BESIDE, widths_apart
 from gridslam.inference.scans.anchor_measurements import AnchorScan

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.beliefs.layout import AGENT, HEADING, POSE
 from gridslam.kernels import PATH_BLOCK
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
@@ -51,9 +51,9 @@ class StateSamples:
 
     def shifted(self, pose: Array) -> Self:
         """The same about another mean of x, y and heading (3,)."""
-        mean = self.moments().mean[[0, 1, HEADING]]
+        mean = self.moments().mean[POSE]
         off = np.zeros(AGENT)
-        off[[0, 1, HEADING]] = pose - mean
+        off[POSE] = pose - mean
         return replace(self, agent=self.agent + off)
 
     def moments(self) -> Belief:
