@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,16 +100,7 @@ def predict(
         How many times as far each surface shifts, and turns.
     """
     mean, covariance = belief.mean.copy(), belief.covariance.copy()
-    mean[:2] += dt * mean[2:4]
-    covariance[:2] += dt * covariance[2:4]
-    covariance[:, :2] += dt * covariance[:, 2:4]
-    place, speed = 0.5 * acceleration * dt**2, acceleration * dt
-    for axis in (0, 1):
-        covariance[axis, axis] += place**2
-        covariance[axis + 2, axis + 2] += speed**2
-        covariance[axis, axis + 2] += place * speed
-        covariance[axis + 2, axis] += place * speed
-    covariance[HEADING, HEADING] += heading**2
+    move_agent(mean, covariance, 0, dt, acceleration, heading)
     after = replace(belief, mean=mean, covariance=covariance)
     if not len(feet):
         return after
@@ -123,6 +114,27 @@ def predict(
     right += lever
     offset += lever * feet + slid
     return after
+
+
+def move_agent(
+    mean: Array, covariance: Array, first: int, dt: float, acceleration: float, heading: float
+) -> None:  # fmt: skip
+    """Near-constant velocity, random-walk heading of the agent whose entries begin at `first`; in place."""
+    carry(mean, covariance, slice(first, first + 2), slice(first + 2, first + 4), dt)
+    place, speed = 0.5 * acceleration * dt**2, acceleration * dt
+    for axis in (first, first + 1):
+        covariance[axis, axis] += place**2
+        covariance[axis + 2, axis + 2] += speed**2
+        covariance[axis, axis + 2] += place * speed
+        covariance[axis + 2, axis] += place * speed
+    covariance[first + HEADING, first + HEADING] += heading**2
+
+
+def carry(mean: Array, covariance: Array, what: Any, by: Any, dt: float) -> None:
+    """Let entries `what` move by their rates, the entries `by`, in place."""
+    mean[what] += dt * mean[by]
+    covariance[what] += dt * covariance[by]
+    covariance[:, what] += dt * covariance[:, by]
 
 
 def line_entries(belief: Belief) -> tuple[Array, Array, Array, Array]:

@@ -143,16 +143,20 @@ def move(rings: Rings, dt: float, acceleration: float) -> Rings:
     """Move the agent of every hypothesis as `belief.predict` does; images stand still but for a jitter."""
     forward, noise = np.eye(MOVING + 2), np.zeros((MOVING + 2, MOVING + 2))
     forward[0, 2] = forward[1, 3] = dt
-    push = acceleration * np.array([0.5 * dt**2, dt])
     for axis in range(2):
-        entry = np.array([axis, axis + 2])
-        noise[np.ix_(entry, entry)] = np.outer(push, push)
+        noise[axis:MOVING:2, axis:MOVING:2] = pushed(dt, acceleration)
     noise[MOVING:, MOVING:] = JITTER_M**2 * np.eye(2)
     live = rings.weight > 0
     mean, covariance = rings.mean.copy(), rings.covariance.copy()
     mean[live] = rings.mean[live] @ forward.T
     covariance[live] = forward @ rings.covariance[live] @ forward.T + noise
     return replace(rings, age=rings.age + 1, mean=mean, covariance=covariance)
+
+
+def pushed(dt: float, acceleration: float) -> Array:
+    """Covariance (2, 2) that white acceleration gives place and velocity of one axis, (M16)."""
+    push = acceleration * np.array([0.5 * dt**2, dt])
+    return np.outer(push, push)
 
 
 def follow(rings: Rings, before: Belief, after: Belief) -> Rings:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import carry
 from gridslam.inference.messages.features.heard_paths import HeardPaths
 from gridslam.inference.messages.features.path_products import Products
 from gridslam.inference.messages.features.presence import existence_of, powers_of, predicted, presence_of
@@ -46,9 +47,7 @@ NOT_THERE = 1e-12
 def predict(belief: JointBelief, seconds: float, acceleration_mps2: float) -> JointBelief:
     """The belief after a time of constant velocity with white acceleration."""
     mean, covariance = belief.mean.copy(), belief.covariance.copy()
-    mean[:2] += seconds * mean[2:MOVING]
-    covariance[:2] += seconds * covariance[2:MOVING]
-    covariance[:, :2] += seconds * covariance[:, 2:MOVING]
+    carry(mean, covariance, slice(2), slice(2, MOVING), seconds)
     jolt = np.array([0.5 * seconds**2, seconds])
     for axis in range(2):
         covariance[axis:MOVING:2, axis:MOVING:2] += acceleration_mps2**2 * np.outer(jolt, jolt)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.beliefs.belief import Belief, solved
+from gridslam.inference.beliefs.belief import Belief, carry, move_agent, solved
 from gridslam.inference.beliefs.layout import AGENT, HEADING, PER_LINE, StateLayout
 from gridslam.world.clocks import ClockModel
 from gridslam.world.filter_model import FilterModel
@@ -309,18 +309,11 @@ def predict_network(
     layout, mean, covariance = belief.layout, belief.mean.copy(), belief.covariance.copy()
     for number in np.flatnonzero(moved).tolist():
         settings, x = models[number].settings, layout.pose(number).start
-        _carry(mean, covariance, slice(x, x + 2), slice(x + 2, x + 4), dt)
-        place, speed = 0.5 * settings.acceleration_mps2 * dt**2, settings.acceleration_mps2 * dt
-        for axis in (x, x + 1):
-            covariance[axis, axis] += place**2
-            covariance[axis + 2, axis + 2] += speed**2
-            covariance[axis, axis + 2] += place * speed
-            covariance[axis + 2, axis] += place * speed
-        covariance[x + HEADING, x + HEADING] += np.radians(settings.heading_deg) ** 2
+        move_agent(mean, covariance, x, dt, settings.acceleration_mps2, np.radians(settings.heading_deg))
     own = layout.devices[~clocks.known] if layout.clocks else layout.devices
     if layout.rates:
         rates = (np.arange(layout.rates) + layout.clock_rates.start)[~clocks.known]
-        _carry(mean, covariance, own, rates, dt)
+        carry(mean, covariance, own, rates, dt)
         power = clocks.drift_walk_m**2
         covariance[own, own] += power * dt**3 / 3
         covariance[rates, rates] += power * dt
@@ -339,10 +332,3 @@ def predict_network(
     covariance[offset, angle] += lever
     covariance[offset, offset] += lever * feet + slid
     return replace(belief, mean=mean, covariance=covariance)
-
-
-def _carry(mean: Array, covariance: Array, what: Any, by: Any, dt: float) -> None:
-    """Let entries move by their rates, in place."""
-    mean[what] += dt * mean[by]
-    covariance[what] += dt * covariance[by]
-    covariance[:, what] += dt * covariance[:, by]

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.belief import Belief, carry
 from gridslam.inference.health.signal_watch import SignalWatch
-from gridslam.inference.state.rings import BEARINGS, MOVING, Rings
+from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, pushed
 from gridslam.world.geometry import unit
 
 Whole = NDArray[np.int64]
@@ -302,13 +302,9 @@ def predict(belief: Belief, dt: float, acceleration: float, walk_m: float) -> Be
     dt, acceleration, walk_m : float; s, m/s^2, m
     """
     mean, covariance = belief.mean.copy(), belief.covariance.copy()
-    mean[:2] += dt * mean[2:4]
-    covariance[:2] += dt * covariance[2:4]
-    covariance[:, :2] += dt * covariance[:, 2:4]
-    push = acceleration * np.array([0.5 * dt**2, dt])
+    carry(mean, covariance, slice(2), slice(2, MOVING), dt)
     for axis in range(2):
-        entry = np.array([axis, axis + 2])
-        covariance[np.ix_(entry, entry)] += np.outer(push, push)
+        covariance[axis:MOVING:2, axis:MOVING:2] += pushed(dt, acceleration)
     polar = mean[MOVING:].reshape(-1, 2)
     on = MOVING + 2 * np.arange(len(polar))
     covariance[on, on] += (walk_m / polar[:, 1]) ** 2
