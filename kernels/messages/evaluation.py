@@ -8,6 +8,7 @@ import taichi as ti
 from gridslam.kernels import FAINTEST, UNMEASURED
 from gridslam.kernels.messages.association import enter
 from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, Gating, Pairs, PathRows, Ratios
+from gridslam.kernels.primitives.corrections import inverse_of
 from gridslam.kernels.primitives.device import SPREAD, TASKS
 from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.launching import quick
@@ -79,23 +80,19 @@ def gate(
                         for j in ti.static(range(3)):
                             total[i, j] = bandwidth * rows.predicted[row, 3 + 3 * i + j]
                         total[i, i] += variance[i]
-                    a, b, c = total[0, 0], total[1, 1], total[2, 2]
-                    d, e, f = total[0, 1], total[0, 2], total[1, 2]
-                    i00, i11, i22 = b * c - f * f, a * c - e * e, a * b - d * d
-                    i01, i02, i12 = e * f - c * d, d * f - b * e, d * e - a * f
-                    determinant = a * i00 + d * i01 + e * i02
-                    reach = ti.min(GATE * ti.sqrt(a), 1e5)
+                    inverse, determinant = inverse_of(total)
+                    reach = ti.min(GATE * ti.sqrt(total[0, 0]), 1e5)
                     pairs.index[known, 0], pairs.index[known, 1] = row, m
                     for q in ti.static(range(3)):
                         pairs.pair[known, q], pairs.pair[known, 3 + q] = scan[m, q], variance[q]
                         scratch.table[known, q] = ti.cast(scan[m, q], ti.f32)
                     pairs.pair[known, 6], pairs.pair[known, 7] = ratio * absent, determinant
-                    scratch.table[known, 3] = ti.cast(i00 / determinant, ti.f32)
-                    scratch.table[known, 4] = ti.cast(i11 / determinant, ti.f32)
-                    scratch.table[known, 5] = ti.cast(i22 / determinant, ti.f32)
-                    scratch.table[known, 6] = ti.cast(i01 / determinant, ti.f32)
-                    scratch.table[known, 7] = ti.cast(i02 / determinant, ti.f32)
-                    scratch.table[known, 8] = ti.cast(i12 / determinant, ti.f32)
+                    scratch.table[known, 3] = ti.cast(inverse[0, 0], ti.f32)
+                    scratch.table[known, 4] = ti.cast(inverse[1, 1], ti.f32)
+                    scratch.table[known, 5] = ti.cast(inverse[2, 2], ti.f32)
+                    scratch.table[known, 6] = ti.cast(inverse[0, 1], ti.f32)
+                    scratch.table[known, 7] = ti.cast(inverse[0, 2], ti.f32)
+                    scratch.table[known, 8] = ti.cast(inverse[1, 2], ti.f32)
                     scratch.table[known, 9] = ti.cast(ti.max(scan[m, 0] - reach, -1e5), ti.f32)
                     scratch.table[known, 10] = ti.cast(scan[m, 0] + reach, ti.f32)
                     known += 1

@@ -36,7 +36,9 @@ from gridslam.kernels.primitives.tables import (
 from gridslam.kernels.propagation.path_messages import note
 
 SUREST = 1e-7
-"""Doubt that is always left."""
+"""Doubt that is always left: docs/model.md, (M31)."""
+LEAST_LIKELY, LEAST_DOUBT, MOST_ODDS = 1e-12, 1e-9, 40.0
+"""So that logarithms are finite: of a factor or an existence, of what is left to 1, and log odds at most."""
 
 
 @ti.func
@@ -72,16 +74,17 @@ def exist(
         elif bounces == 1:
             single[anchor, last] = renewed(single[anchor, last], after)
             before = log[last, 0]
-            log[last, 0] = before + logarithm_of(ti.max(whole, 1e-12))
+            log[last, 0] = before + logarithm_of(ti.max(whole, LEAST_LIKELY))
         else:
             double[anchor, last, first] = renewed(double[anchor, last, first], after)
             by_last, by_first, before = surface[last], surface[first], log[last, 0]
-            log[last, 0] = before + logarithm_of(ti.max(by_first * whole + 1 - by_first, 1e-12))
+            log[last, 0] = before + logarithm_of(ti.max(by_first * whole + 1 - by_first, LEAST_LIKELY))
             before = log[first, 0]
-            log[first, 0] = before + logarithm_of(ti.max(by_last * whole + 1 - by_last, 1e-12))
+            log[first, 0] = before + logarithm_of(ti.max(by_last * whole + 1 - by_last, LEAST_LIKELY))
     for s in range(surface.shape[0]):
-        logs, gone = logarithm_of(ti.max(surface[s], 1e-12)), logarithm_of(ti.max(1 - surface[s], 1e-9))
-        total = ti.max(ti.min(logs - gone + log[s, 0], 40.0), -40.0)
+        there = logarithm_of(ti.max(surface[s], LEAST_LIKELY))
+        gone = logarithm_of(ti.max(1 - surface[s], LEAST_DOUBT))
+        total = ti.max(ti.min(there - gone + log[s, 0], MOST_ODDS), -MOST_ODDS)
         surface[s] = ti.min(1 / (1 + decay_of(-total)), 1 - SUREST)
 
 

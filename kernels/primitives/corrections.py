@@ -17,7 +17,7 @@ from gridslam.kernels.primitives.gaussian import (
     spread_by_rise,
     spread_of,
 )
-from gridslam.kernels.primitives.layout import anchor_of, steepness_of, unknown_entry
+from gridslam.kernels.primitives.layout import HEADING, anchor_of, steepness_of, unknown_entry
 from gridslam.kernels.primitives.tables import (
     BETA,
     MISSED,
@@ -41,7 +41,7 @@ UNLIKELY, UNMOVED = 1e-3, 1e-6
 @ti.func
 def inverse_of(m):
     """Inverse of a symmetric 3 x 3 matrix, and its determinant."""
-    i00, i11, i22 = m[1, 1] * m[2, 2] - m[1, 2] ** 2, m[0, 0] * m[2, 2] - m[0, 2] ** 2, 0 * m[0, 0]
+    i00, i11 = m[1, 1] * m[2, 2] - m[1, 2] ** 2, m[0, 0] * m[2, 2] - m[0, 2] ** 2
     i22 = m[0, 0] * m[1, 1] - m[0, 1] ** 2
     i01, i02 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2], m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1]
     i12 = m[0, 1] * m[0, 2] - m[1, 2] * m[0, 0]
@@ -172,7 +172,7 @@ def correct_by(
             for i in ti.static(range(3)):
                 moved_to += account.scratch[n, i] * shift[i]
             belief.mean[n] = moved_to
-        belief.mean[4] = wrapped(belief.mean[4])
+        belief.mean[HEADING] = wrapped(belief.mean[HEADING])
 
 
 @ti.func

@@ -7,7 +7,7 @@ difference of two clocks or a rise, which lengthens its distance and nothing els
 import taichi as ti
 
 from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, dot, sin_of, slant_of, wrapped
-from gridslam.kernels.primitives.layout import anchor_of, line_entry, steepness_of, unknown_entry
+from gridslam.kernels.primitives.layout import HEADING, anchor_of, line_entry, steepness_of, unknown_entry
 from gridslam.kernels.primitives.tables import LEARNT, LENGTH, UNCLEAR
 
 UNDIRECTED = 1e-9
@@ -68,7 +68,7 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
     if bounces == 2:
         departure += turn_first * mean[by_first_line]
     value = ti.Vector(
-        [length + place[3], wrapped(departure - place[2]), wrapped(arrival - mean[4])], dt=ti.f64
+        [length + place[3], wrapped(departure - place[2]), wrapped(arrival - mean[HEADING])], dt=ti.f64
     )
     slope = ti.Matrix.zero(ti.f64, 3, 7)
     slope[0, 0], slope[0, 1] = -lean * toward[0], -lean * toward[1]
@@ -89,7 +89,7 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
 def entry_of(head, bounces, last, first):
     """Entries of the state that a path depends on; unused ones repeat the first (their derivative is 0)."""
     a, b = (line_entry(head, last) if bounces >= 1 else 0), (line_entry(head, first) if bounces == 2 else 0)
-    return ti.Vector([0, 1, 4, a, (a + 1 if a > 0 else 0), b, (b + 1 if b > 0 else 0)])
+    return ti.Vector([0, 1, HEADING, a, (a + 1 if a > 0 else 0), b, (b + 1 if b > 0 else 0)])
 
 
 @ti.func

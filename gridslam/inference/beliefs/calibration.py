@@ -27,6 +27,8 @@ ANY_CLUTTER = 5.0
 """Measurements a step that may be clutter whatever the scene says: of tables that seem to have none."""
 SURPRISE, DOUBTED = 4.0, 3.0
 """Standard deviations by which clutter breaks with its past, and with the scene's level."""
+BROKEN = 0.3
+"""Share of `KEEP` that a past is worth with which clutter breaks."""
 GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
 """Prior of the ratio of true to stated amplitude, and its bounds."""
 TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 4.5
@@ -124,7 +126,7 @@ class Calibration:
         """Take in how much clutter an anchor's scan held, before its association."""
         usual = self.estimate(anchor, stated.false_alarms)
         # a level that jumps is learned afresh, or a burst would be over before it is believed
-        keep = KEEP if abs(count - usual) < SURPRISE * math.sqrt(usual + 1) else 0.3 * KEEP
+        keep = KEEP if abs(count - usual) < SURPRISE * math.sqrt(usual + 1) else BROKEN * KEEP
         clutter, listened = self.clutter.copy(), self.listened.copy()
         clutter[anchor] = keep * clutter[anchor] + count
         listened[anchor] = keep * listened[anchor] + 1

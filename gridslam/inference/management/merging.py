@@ -30,7 +30,9 @@ TIE = fixed(np.array([1e-4, 1e-6]))
 BY_CHANCE = 0.1
 """Lines that would lie where another does if one of the two didn't exist, per m and rad."""
 CONFIRMED = ((60, 8), (25, 6), (5, 2))
-"""Ages from which on a surface must have been seen so often."""
+"""Ages from which on a surface must have been seen so often; docs/model.md, section 9, as the next ones."""
+ON_TRIAL, TRIAL_AGE, TRIAL_SEEN = 0.3, 3, 3
+"""Existence that a surface needs at least from this age on, until it was seen so often."""
 
 
 def prune(
@@ -43,7 +45,7 @@ def prune(
     """
     rows = zip(bank.existence.tolist(), bank.age.tolist(), bank.seen.tolist(), strict=True)
     passes = [
-        existence >= (max(threshold, 0.3) if age >= 3 and seen < 3 else threshold)
+        existence >= (max(threshold, ON_TRIAL) if age >= TRIAL_AGE and seen < TRIAL_SEEN else threshold)
         and seen >= next((least for after, least in CONFIRMED if age >= after), 0)
         for existence, age, seen in rows
     ]

@@ -22,8 +22,11 @@ from gridslam.kernels.primitives.blocks import Anchors, BirthRows, Sketch
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import RadioModel
 
-CONVERGED_STD_M = 0.3
+CONVERGED_STD_M, CONVERGED, CONVERGED_SEEN = 0.3, 0.9, 3
+"""Deviation of the offset below which, existence above which, and times seen from which on a surface may be
+a double bounce's other wall: docs/model.md, "Births"."""
 SAMPLES = 256
+"""Draws per measurement and hypothesis, K of (M32)."""
 
 
 class Measured(Protocol):
@@ -44,7 +47,10 @@ def partners(bank: SurfaceBank, belief: Belief, most_bounces: int) -> NDArray[np
         return _known((), most_bounces)
     variances = belief.covariance.diagonal()[belief.layout.offsets]
     rows = zip(variances.tolist(), bank.existence.tolist(), bank.seen.tolist(), strict=True)
-    sure = (variance < CONVERGED_STD_M**2 and exists > 0.9 and seen >= 3 for variance, exists, seen in rows)
+    sure = (
+        variance < CONVERGED_STD_M**2 and exists > CONVERGED and seen >= CONVERGED_SEEN
+        for variance, exists, seen in rows
+    )
     return _known(tuple(sure), most_bounces)
 
 

@@ -27,6 +27,8 @@ SURE_SURFACE = 0.9
 """Existence from which on a surface's single bounces tell of clocks, too."""
 LEAST_CHANCE = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
+PURPOSE, PURPOSE_OF_SIGHTS = 9, 10
+"""Of random numbers: with all paths, and with lines of sight alone."""
 IN_SIGHT = 0.5
 """Chance of a line of sight at most, where agents' clocks are wide: what says otherwise is mostly a guess."""
 
@@ -109,7 +111,7 @@ def agent_evidence(
             sights = Sights(np.minimum(chance[direct], IN_SIGHT), accuracy(direct), able, over)
             total += sight_votes(
                 bare.belief, sights, anchor_scan, model, sought, known, mass, centre,
-                np.random.default_rng([work.seed, bare.step, 9]),
+                np.random.default_rng([work.seed, bare.step, PURPOSE]),
             )  # fmt: skip
             mine = mine[rays.bounces[mine] > 0]
     clutter = level / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
@@ -152,7 +154,7 @@ def sights_evidence(
     clutter = np.broadcast_to(flat, able.shape)
     return sight_votes(
         bare.belief, Sights(chance, accuracy, able, clutter), heard, model, sought,
-        np.zeros_like(sought), mass, centre, np.random.default_rng([work.seed, bare.step, 10]),
+        np.zeros_like(sought), mass, centre, np.random.default_rng([work.seed, bare.step, PURPOSE_OF_SIGHTS]),
     )  # fmt: skip
 
 

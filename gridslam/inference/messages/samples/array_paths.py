@@ -16,6 +16,7 @@ from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Complex, one_more
 from gridslam.inference.messages.samples.array_search import Found, find_paths
+from gridslam.inference.messages.samples.noise_levels import learned_noise
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
 from gridslam.inference.messages.samples.state_mode import PathsPrior, is_wide, paths_at
 from gridslam.inference.state.population import moments
@@ -32,8 +33,6 @@ LEAST_CHANCE, MOST_PATHS = 1e-3, 40
 """Chance below which a path isn't followed in the mode, and how many are at most."""
 EXPECTED, DENIED = 0.05, 0.1
 """Chance from which on a path holds the mode though it isn't there; probability below which it is denied."""
-NOISE_GAIN = 0.03
-"""Share of a step's noise estimate that enters, in the long run."""
 FAINT = 1e-3
 """Power of a path that isn't expected, in ratio to the noise's: it pulls where a peak stands beside it."""
 SUREST = 40.0
@@ -125,9 +124,8 @@ def start_noise(state: State, anchor: int, scan: SignalScan, model: SignalModel)
 def learn_noise(state: State, anchor: int, likelihood: SnapshotLikelihood) -> State:
     """The noise's power by what the paths leave over (M86)."""
     assert state.noise is not None
-    noise, gain = state.noise.copy(), max(NOISE_GAIN, 1 / (2.0 + state.step))
-    ratio = float(np.clip(likelihood.found.mode.noise_ratio, 0.1, 10.0))
-    noise[anchor] *= 1 + gain * (ratio - 1)
+    noise, ratio = state.noise.copy(), likelihood.found.mode.noise_ratio
+    noise[anchor] = learned_noise(noise[anchor], ratio, state.step)
     return replace(state, noise=noise)
 
 

@@ -13,6 +13,7 @@ from gridslam.inference.messages.samples.distance_mode import Mode
 from gridslam.inference.messages.samples.image_births import Found
 from gridslam.inference.messages.samples.image_prediction import AnchorPaths, image_distances
 from gridslam.inference.messages.samples.image_proposals import judge_proposals
+from gridslam.inference.messages.samples.noise_levels import learned_noise
 from gridslam.inference.messages.samples.signal_likelihood import Band, log_ratio
 from gridslam.inference.state.rings import follow, symmetric
 from gridslam.inference.state.samples.images import MEMORY, DirectState, Links
@@ -22,8 +23,6 @@ Complex = NDArray[np.complex128]
 FIRST_SHARE, FIRST_HEARD = 0.5, 3.0
 """An anchor's own path begins with no less than this share of the strongest, as if heard so often: it may
 have faded, and a reflection next to it that is believed to be stronger would take its place."""
-NOISE_GAIN = 0.03
-"""Share of a step's noise estimate that enters."""
 QUIET = 0.25
 """Share of the delay cells that surely hold no path at first."""
 CERTAIN = 1 - 1e-7
@@ -89,11 +88,10 @@ def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> Direc
         tentative.intensity[ring_rows], tentative.heard[ring_rows],
         power[joint : joint + len(ring_rows)], tentative.rings.existence[ring_rows], noise,
     )  # fmt: skip
-    gain = max(NOISE_GAIN, 1 / (2.0 + state.step))
     links = Links(
         put(links.visible, anchor, visible[0]), put(links.intensity, anchor, strength[0]),
         put(links.heard, anchor, counts[0]),
-        put(links.noise, anchor, noise * (1 + gain * (float(np.clip(mode.noise_ratio, 0.1, 10.0)) - 1))),
+        put(links.noise, anchor, learned_noise(noise, mode.noise_ratio, state.step)),
         links.usurped,
     )  # fmt: skip
     images = dataclasses.replace(
