@@ -1,9 +1,9 @@
 """Where things stand in a view of the joint belief, and in a table of particles drawn from it.
 
 View of one agent: [x, y, vx, vy, heading | delta_1 .. delta_J | angle, offset of line 1 | ...]. Differences
-of clocks, delta (m), are there if clocks are unknown; `head` is where the lines begin, 5 or 5 + J. Where
-heights are unknown instead, rises stand there (m), by which anchors are higher above the agent than is told:
-one for all anchors that it is the same of.
+of clocks, delta (m), are there if clocks are unknown. Where heights are unknown instead, G rises stand there
+(m), by which anchors are higher above the agent than is told: one for all anchors that it is the same of.
+`head` is where the lines begin: 5, 5 + J or 5 + G.
 
 Rows of particles: x, y, heading; normal x, y and offset of every line; differences of clocks, or rises.
 Velocities aren't drawn.

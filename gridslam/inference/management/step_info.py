@@ -48,7 +48,7 @@ class StepInfo:
     Attributes
     ----------
     exchanges : sequence of Exchange or SnapshotExchange
-        Of every anchor, in the order in which they were taken in.
+        Of every anchor, in the anchors' order, whichever was taken in first; or one of all anchors.
     health : Health
     seconds : mapping of str to float
         Where the time went, by stage.
