@@ -32,7 +32,7 @@ from gridslam.world.network_scene import clock_model
 from gridslam.world.scene import Scene
 
 
-def read_raw(path: str | os.PathLike[str], anchors: tuple[str, ...] | None = None) -> tuple[Columns, tuple]:
+def read_raw(path: str | os.PathLike[str]) -> tuple[Columns, tuple]:
     """Columns and names of the anchors of a file, the content of its rows not yet checked.
 
     Raises

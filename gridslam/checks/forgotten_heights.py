@@ -18,7 +18,7 @@ CLEAR = 10.0
 
 
 def forgotten_heights(
-    table: Columns, scene: Scene, agent: str | None, sight: Sight, best: RangeFit
+    table: Columns, scene: Scene, sight: Sight, best: RangeFit
 ) -> tuple[Suspicion, Columns] | None:
     """The heights that explain lines of sight clearly better than the best error of one size, and the table
     of horizontal distances; None if they don't, or the scene has heights.

@@ -35,12 +35,6 @@ class Judged(NamedTuple):
     cure: Cure
 
 
-def label_and_clock_lines(measurements: NetworkMeasurements, scene: Scene) -> list[str]:
-    """Suspicions about labels and clocks, for a person; or that there is too little to tell."""
-    judged = judge_labels(measurements, scene)
-    return [*untold_lines(judged), *suspicion_lines(judged, scene)]
-
-
 def judge_labels(measurements: NetworkMeasurements, scene: Scene) -> list[Judged]:
     """What each agent's table needs to fit, as far as labels and clocks go."""
     return [_judged(measurements, scene, name) for name in measurements.agents]

@@ -172,7 +172,7 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     error = best.error
     if error is None or abs(best.size_m) < error.least_m or best.gain(plain) < PROBABLE:
         return None
-    heights = forgotten_heights(table, scene, agent, sight, best)
+    heights = forgotten_heights(table, scene, sight, best)
     if heights is not None:
         suspicion, level = heights
         return Cure(suspicion, level, settled(level, scene, agent))

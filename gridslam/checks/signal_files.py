@@ -81,7 +81,7 @@ def describe_signal(
     lines += _band(waveform, scene)
     if scene is not None and scene.has_heights:
         lines.append(f"note: {scene.name} has heights, {PLANAR}")
-    lines += _units(raw, waveform)
+    lines += _units(raw)
     usable = _usable_snapshots(raw, samples)
     if not usable.any():
         return lines
@@ -121,7 +121,7 @@ def _band(waveform: Waveform, scene: Scene | None) -> list[str]:
     return lines
 
 
-def _units(raw: dict[str, Any], waveform: Waveform) -> list[str]:
+def _units(raw: dict[str, Any]) -> list[str]:
     """Headings that can't be radians."""
     heading = raw.get("heading_rad")
     if heading is not None and np.isfinite(heading).all() and np.abs(heading).max() > 2 * np.pi:

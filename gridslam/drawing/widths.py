@@ -9,8 +9,8 @@ from matplotlib import rc_context
 
 from gridslam.errors import InputError
 
-PAGE_IN, COLUMN_IN = 7.2, 3.5
-"""Widths of a journal's page and of one of its two columns, inches."""
+PAGE_IN = 7.2
+"""Width of a journal's page, inches."""
 WIDE_IN = 5.0
 """From which width on there is room for large letters."""
 CM_IN = 2.54

@@ -106,7 +106,7 @@ def known_map_bound(
     jacobian = whitened_jacobian(scene, agent, paths, hit_surfaces(scene, paths), track)
     jacobian = with_elevations(scene, agent, paths, jacobian[:, :, :AGENT])
     rows, rises = (
-        path_information(scene, agent, paths, jacobian, len(track), chance),
+        path_information(paths, jacobian, len(track), chance),
         jacobian.shape[2] - AGENT,
     )
     information, bounds = _joined(agent_prior(scene, agent), _height_prior(scene, agent)), []
@@ -161,7 +161,7 @@ def unknown_map_bound(
     times = scene.track(agent).time_s
     whole = with_elevations(scene, agent, paths, rows)
     gained, rises = (
-        path_information(scene, agent, paths, whole, len(times), chance),
+        path_information(paths, whole, len(times), chance),
         whole.shape[2] - rows.shape[2],
     )
     information = np.zeros((AGENT + 2 * len(surface),) * 2)

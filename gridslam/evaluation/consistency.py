@@ -24,6 +24,8 @@ from gridslam.world.scene import Scene
 FIGURE = re.compile(r"-?\d+(?:\.\d+)?")
 SILENT = 4.0
 """Claimed deviations of the position from which on a filter should have said that something is amiss."""
+SHARE = 0.95
+"""Probability with which a mean NEES of consistent filters lies in its band."""
 ABOUT_ANCHOR = re.compile(r"anchor .* seems turned by ")
 
 
@@ -50,8 +52,8 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
     return np.asarray(each.sum(-1))
 
 
-def nees_band(runs: int, dimension: int, share: float = 0.95) -> tuple[float, float]:
-    """Band in which the mean NEES of independent runs lies with probability `share`, if they are consistent.
+def nees_band(runs: int, dimension: int) -> tuple[float, float]:
+    """Band in which the mean NEES of independent runs lies with probability `SHARE`, if they are consistent.
 
     Parameters
     ----------
@@ -59,11 +61,9 @@ def nees_band(runs: int, dimension: int, share: float = 0.95) -> tuple[float, fl
         N runs, at least 1: N times the mean is chi-square with ``N * dimension`` degrees of freedom.
     dimension : int
         D, the number of components of the error.
-    share : float
-        Between 0 and 1.
     """
     # quantiles of chi-square; `scipy.stats` takes half a second to import
-    low, high = chdtri(runs * dimension, [0.5 + share / 2, 0.5 - share / 2]) / runs
+    low, high = chdtri(runs * dimension, [0.5 + SHARE / 2, 0.5 - SHARE / 2]) / runs
     return float(low), float(high)
 
 

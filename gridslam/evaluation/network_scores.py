@@ -1,4 +1,4 @@
-"""How good a network's clocks, labels and maps are, by what can be observed.
+"""How good a network's clocks and labels are, by what can be observed.
 
 Offsets of clocks have a common part that no measurement tells of (docs/model.md, (M101)). So they are
 judged by pairs (apparent biases), and with that part removed.
@@ -6,16 +6,11 @@ judged by pairs (apparent biases), and with that part removed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.evaluation.metrics import ospa
-from gridslam.world.geometry import mirror
 
-MOSPA_CUTOFF_M, MOSPA_ORDER = 1.0, 2.0
 SYNCHRONISED_S = 3e-9
 """Error, common part removed, within which a clock counts as set."""
 
@@ -66,25 +61,3 @@ def label_errors(given: NDArray[np.intp], source: NDArray[np.intp]) -> tuple[int
     """
     judged = (given >= 0) & (source >= 0)
     return int((given != source)[judged].sum()), int(judged.sum())
-
-
-def virtual_anchors(lines: Array, anchors: Array) -> Array:
-    """Mirror images of all anchors (J, 2) at all lines (S, 2), (J S, 2)."""
-    images = [mirror(lines, anchor) for anchor in anchors] if len(lines) else []
-    return np.concatenate([np.zeros((0, 2)), *images])
-
-
-def mospa(found: Sequence[Array], truth: Sequence[Array], anchors: Array) -> float:
-    """Mean over steps of the OSPA distance (1 m, order 2) of virtual anchors, m.
-
-    Parameters
-    ----------
-    found, truth : sequences of (S, 2)
-        Lines found, and lines that there are, of every step.
-    anchors : (J, 2) m
-    """
-    distances = [
-        ospa(virtual_anchors(own, anchors), virtual_anchors(there, anchors), MOSPA_CUTOFF_M, MOSPA_ORDER)
-        for own, there in zip(found, truth, strict=True)
-    ]
-    return float(np.mean(distances)) if distances else float("nan")

@@ -123,9 +123,7 @@ def with_elevations(scene: Scene, agent: str, paths: TruePaths, rows: Array) -> 
     return np.concatenate([whole, more[:, None]], 1)
 
 
-def path_information(
-    scene: Scene, agent: str, paths: TruePaths, rows: Array, steps: int, chance: Array
-) -> Array:
+def path_information(paths: TruePaths, rows: Array, steps: int, chance: Array) -> Array:
     """Information that each step's paths give, (N, state, state), by the share `chance` (L,) that arrives."""
     gained = np.zeros((steps, rows.shape[2], rows.shape[2]))
     for row, step, weight in zip(rows, paths.step, chance, strict=True):

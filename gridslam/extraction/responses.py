@@ -18,7 +18,6 @@ from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.waveform import Waveform
 
 Complex = NDArray[np.complex128]
-FACTORS = "distance", "aod", "aoa"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ class Band:
 
     @cached_property
     def free(self) -> tuple[int, ...]:
-        """Which of `FACTORS` are parameters of a path: an angle, where there are several elements."""
+        """Which of distance (0), AoD (1), AoA (2) are parameters of a path: angles of several elements."""
         _, elements, carried, _ = self.waveform.shape
         return (0, *((1,) if elements > 1 else ()), *((2,) if carried > 1 else ()))
 

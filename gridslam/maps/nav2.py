@@ -95,7 +95,7 @@ def trinary(grid: MapCells, walls: WallSegments | None) -> NDArray[np.uint8]:
         occupied |= burnt(grid, walls.ends_m)
         unproven = burnt(grid, _not_crossed(grid, _gaps(walls)))
         told = free & (grid.evidence < CROSSED_NAT)
-        free = _seen(grid, told & ~occupied & ~unproven, occupied, walls.ends_m)
+        free = _seen(grid, told & ~occupied & ~unproven, walls.ends_m)
     return np.where(occupied, OCCUPIED, np.where(free, FREE, UNKNOWN)).astype(np.uint8)
 
 
@@ -171,9 +171,7 @@ def _clipped(
     return (start + first * way, start + last * way) if first <= last else None
 
 
-def _seen(
-    grid: MapCells, free: NDArray[np.bool_], occupied: NDArray[np.bool_], ends_m: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def _seen(grid: MapCells, free: NDArray[np.bool_], ends_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Free cells without the bands and specks behind walls, (ny, nx)."""
     from scipy import ndimage
 

@@ -167,7 +167,7 @@ def diffuse(case: Case, count: int = 6, size_m: float = 0.8) -> Case:
 
 def glancing(case: Case, share: float = 0.56) -> Case:
     """Coefficients grow towards grazing incidence, from `share` of the material's at normal incidence."""
-    return _again(case, grazing(case.scene, case.agent, case.paths, share))
+    return _again(case, grazing(case.scene, case.paths, share))
 
 
 def strides(case: Case, times: int = 10, steps: int = 150, pause: bool = False) -> Case:

@@ -65,7 +65,7 @@ def diffuse_points(
     return scattered_paths(scene, agent, track, np.reshape(places, (-1, 2)), np.full(len(places), size_m))
 
 
-def grazing(scene: Scene, agent: str, paths: TruePaths, share: float) -> TruePaths:
+def grazing(scene: Scene, paths: TruePaths, share: float) -> TruePaths:
     """The paths with coefficients that grow towards grazing incidence, as a dielectric's do.
 
     A wall's coefficient at normal incidence is `share` of its material's; a Fresnel reflection with the

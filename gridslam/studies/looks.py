@@ -37,7 +37,7 @@ def look(number: int) -> tuple[str, str | tuple]:
     return COLORS[number % len(COLORS)], STYLES[number % len(STYLES)]
 
 
-def title_of(batch: Batch, own: Sequence[Batch]) -> str:
+def title_of(batch: Batch) -> str:
     """What a batch is called in a legend."""
     settings = "".join(f", {key.rpartition('.')[2]}={value}" for key, value in batch.variant.settings)
     lost = f", {batch.diverged} diverged" if batch.diverged else ""

@@ -120,7 +120,7 @@ def draw_errors(own: Sequence[Batch]) -> Figure:
         for axes, (name, scale, least) in zip(panels, ERRORS, strict=False):
             low, high = np.maximum(scale * batch.quantiles(name), least)
             axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
-            axes.plot(scale * batch.rmse(name), color=color, ls=style, lw=1.3, label=title_of(batch, own))
+            axes.plot(scale * batch.rmse(name), color=color, ls=style, lw=1.3, label=title_of(batch))
     for axes, name, (_, scale, _) in zip(panels, ("position_m", "heading_rad"), ERRORS, strict=False):
         known = [scale * getattr(batch.benchmark.known, name) for batch in own]
         unknown = [scale * getattr(batch.benchmark.unknown, name) for batch in own]
@@ -148,7 +148,7 @@ def draw_cdf(own: Sequence[Batch]) -> Figure:
         for panel, (name, scale, least) in zip(axes, ERRORS, strict=False):
             error = np.sort(np.maximum(scale * np.abs(batch.steps[name]).ravel(), least))
             share = np.arange(1, len(error) + 1) / len(error)
-            panel.step(error, share, where="post", color=color, ls=style, lw=1.3, label=title_of(batch, own))
+            panel.step(error, share, where="post", color=color, ls=style, lw=1.3, label=title_of(batch))
     for panel, what, (name, scale, _) in zip(
         axes, ("position error (cm)", "heading error (deg)"), ERRORS, strict=False
     ):
@@ -174,7 +174,7 @@ def draw_mospa(own: Sequence[Batch]) -> Figure | None:
                 continue
             low, high = np.maximum(batch.quantiles(name), LEAST_M)
             axes.fill_between(np.arange(len(low)), low, high, color=color, alpha=0.18, lw=0)
-            axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=title_of(batch, own))
+            axes.plot(batch.mean(name), color=color, ls=style, lw=1.3, label=title_of(batch))
         number_of = batch.mapped(batch.mean("surfaces"))
         if not np.isnan(number_of).all():
             count.plot(number_of, color=color, ls=style, lw=1.3)
@@ -228,7 +228,7 @@ def draw_surfaces(own: Sequence[Batch]) -> Figure | None:
                 color=color,
                 ls=style,
                 lw=1.2,
-                label=title_of(batch, own),
+                label=title_of(batch),
             )
             share.plot(np.isfinite(error).mean(0), color=color, ls=style, **PALE)
         draw_bound(
@@ -262,7 +262,7 @@ def draw_rays(own: Sequence[Batch]) -> Figure | None:
             if not told[number]:
                 continue
             color, style = look(number)
-            panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=title_of(batch, own))
+            panel.plot(batch.mean("rays")[anchor], color=color, ls=style, lw=1.3, label=title_of(batch))
             panel.plot(batch.mean("ray_belief")[anchor], color=color, ls=style, **PALE)
         likely = [batch.benchmark.likely_rays[anchor] for batch in own]
         draw_bound(panel, likely, "true, likelier heard than missed", KNOWN)
@@ -282,7 +282,7 @@ def draw_consistency(own: Sequence[Batch]) -> Figure:
     for panel, name, degrees in zip(panels, ("position", "heading"), (2, 1), strict=False):
         for number, batch in enumerate(own):
             color, style = look(number)
-            panel.plot(batch.mean(f"{name}_nees"), color=color, ls=style, lw=1.1, label=title_of(batch, own))
+            panel.plot(batch.mean(f"{name}_nees"), color=color, ls=style, lw=1.1, label=title_of(batch))
         for runs in sorted({batch.runs for batch in own}):
             panel.axhspan(*nees_band(runs, degrees), color="k", alpha=GREY, lw=0)
         panel.axhline(degrees, color=BOUND[0], ls=BOUND[1], lw=1.4, label="mean of a consistent filter")
@@ -308,7 +308,7 @@ def draw_hidden(own: Sequence[Batch]) -> Figure | None:
         color, _ = look(number)
         error, claimed = (np.maximum(100 * batch.rmse(name), LEAST_CM) for name in HIDDEN)
         then = [float(np.sqrt(np.mean(values[hidden] ** 2))) for values in (error, claimed)]
-        label = f"{title_of(batch, own)}: hidden {then[0]:.3g} cm, claimed {then[1]:.3g}"
+        label = f"{title_of(batch)}: hidden {then[0]:.3g} cm, claimed {then[1]:.3g}"
         axes.plot(error, color=color, lw=1.4, label=label)
         axes.plot(claimed, color=color, lw=1.0, ls=BOUND[1])
     axes.fill_between(

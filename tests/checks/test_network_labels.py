@@ -7,11 +7,17 @@ import pytest
 from workshop import workshop
 
 import gridslam as gs
-from gridslam.checks.network_labels import label_and_clock_lines
+from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
 from gridslam.checks.network_sights import crossed
 from gridslam.checks.network_tables import describe_network
 
 STEPS = 40
+
+
+def label_and_clock_lines(measurements, scene):
+    """What is said of labels and clocks alone."""
+    judged = judge_labels(measurements, scene)
+    return [*untold_lines(judged), *suspicion_lines(judged, scene)]
 
 
 def short(name="exchange", **changes):

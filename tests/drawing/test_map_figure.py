@@ -14,8 +14,9 @@ from tiny import TINY
 import gridslam as gs
 from gridslam.drawing.anchor_labels import side_of
 from gridslam.drawing.map_figure import FORMATS, PURPLE, draw_map, encoded
-from gridslam.drawing.widths import COLUMN_IN
 
+COLUMN_IN = 3.5
+"""Width of one of a journal's two columns."""
 BEGINNINGS = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 

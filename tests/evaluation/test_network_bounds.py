@@ -11,7 +11,6 @@ from gridslam.evaluation.network_bounds import network_bound
 from gridslam.evaluation.network_scores import (
     apparent_biases,
     label_errors,
-    mospa,
     steps_to_synchronise,
     without_common,
 )
@@ -99,11 +98,3 @@ def test_scores_of_clocks_don_t_see_the_common_part():
 
 def test_label_errors_count_true_paths_alone():
     assert label_errors(np.array([0, 1, 2, -1, 1]), np.array([0, 2, -1, 1, 1])) == (1, 3)
-
-
-def test_mospa_of_a_right_map_is_zero_and_of_none_its_cutoff():
-    anchors, lines = np.array([[0.0, 0.0], [1.0, 2.0]]), np.array([[0.0, 5.0], [1.0, 4.0]])
-    assert mospa([lines], [lines[::-1]], anchors) == 0
-    assert mospa([np.zeros((0, 2)), lines], [lines, lines], anchors) == pytest.approx(0.5)
-    off = mospa([lines + np.array([0, 0.1])], [lines], anchors)
-    assert off == pytest.approx(0.2)

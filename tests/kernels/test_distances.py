@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import log_ndtr
 
 from gridslam import reference
-from gridslam.inference.messages.samples.distance_mode import BEHIND_M, PathPrior, joint_mode, log_behind
+from gridslam.inference.messages.samples.distance_mode import BEHIND_M, PathPrior, joint_mode
 from gridslam.inference.messages.samples.signal_likelihood import Band, superpose
 
 
@@ -63,6 +64,13 @@ def test_a_search_goes_where_the_twins_goes(seed, count, rounds, coincide):
     found, expected = searched(band, samples, prior, noise, rounds)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-7 * max(1.0, float(np.abs(other).max())))
+
+
+def log_behind(distance, chance):
+    """Log probability (N - 1,) that paths at distances [1:], there with a chance, are behind that at [0]."""
+    behind = log_ndtr((distance[1:] - distance[0]) / BEHIND_M)
+    with np.errstate(divide="ignore"):
+        return np.logaddexp(np.log(chance) + behind, np.log1p(-chance))
 
 
 @pytest.mark.parametrize("chance", [1.0, 0.4])

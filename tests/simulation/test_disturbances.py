@@ -129,7 +129,7 @@ def test_grazing_coefficients_rise_from_the_normal_one_to_one():
 
 
 def test_grazing_leaves_the_line_of_sight_and_the_geometry(room):
-    changed = unusual_paths.grazing(room.scene, room.agent, room.paths, 0.56)
+    changed = unusual_paths.grazing(room.scene, room.paths, 0.56)
     direct = room.paths.bounces == 0
     np.testing.assert_array_equal(changed.amplitude[direct], room.paths.amplitude[direct])
     np.testing.assert_array_equal(changed.distance_m, room.paths.distance_m)

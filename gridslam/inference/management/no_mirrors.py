@@ -61,20 +61,15 @@ def over_corners(
     walls = belief.lines[sure]
     if len(walls) < 2:
         return over
-    corners = _corners_of(walls)
+    corners = corners_of(walls)
     for row in untold.tolist():
         hearing = {link % len(anchors) for link in np.flatnonzero(bank.single[:, row] > LIKELIER_THAN_NOT)}
         if len(hearing) == 1:
-            over[row] = _lies_over(belief.lines[row], walls, corners, anchors[hearing.pop()])
+            over[row] = over_corner(belief.lines[row], walls, corners, anchors[hearing.pop()])
     return over
 
 
-def over_corner(line: Array, walls: Array, anchor: Array) -> bool:
-    """Whether a line (2,) lies as a double bounce of an anchor (2,) over two walls (W, 2) would have it."""
-    return _lies_over(line, walls, _corners_of(walls), anchor)
-
-
-class _Corners(NamedTuple):
+class Corners(NamedTuple):
     """Corners of all pairs of walls: rows of the wall hit last and first (P,), sine of the angle between them
     (P,), and where they cross, times that (P, 2) m."""
 
@@ -84,18 +79,22 @@ class _Corners(NamedTuple):
     place: Array
 
 
-def _corners_of(walls: Array) -> _Corners:
+def corners_of(walls: Array) -> Corners:
+    """Corners of walls (W, 2)."""
     last, first = np.divmod(np.arange(len(walls) ** 2), max(len(walls), 1))
     normals = unit(walls[:, 0])
     by_last, by_first = normals[last], normals[first]
     sine = by_last[:, 0] * by_first[:, 1] - by_last[:, 1] * by_first[:, 0]
     a, b = walls[last, 1], walls[first, 1]
     place = np.stack([a * by_first[:, 1] - b * by_last[:, 1], b * by_last[:, 0] - a * by_first[:, 0]], axis=1)
-    return _Corners(last, first, sine, place)
+    return Corners(last, first, sine, place)
 
 
-def _lies_over(line: Array, walls: Array, corners: _Corners, anchor: Array) -> bool:
-    """`over_corner`, with the walls' corners."""
+def over_corner(line: Array, walls: Array, corners: Corners, anchor: Array) -> bool:
+    """Whether a line (2,) lies as a double bounce of an anchor (2,) over two walls (W, 2) would have it.
+
+    `corners` as by `corners_of`.
+    """
     width = np.abs(corners.sine)
     through = np.abs(corners.place @ unit(line[0]) - line[1] * corners.sine) < THROUGH_M * width
     pairs = np.flatnonzero(through & (width > CROSSING))

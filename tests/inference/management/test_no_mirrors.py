@@ -12,6 +12,7 @@ import gridslam as gs
 from gridslam.inference.beliefs.belief import Belief, append
 from gridslam.inference.management.no_mirrors import (
     MOST_CORNERS,
+    corners_of,
     drop_no_mirrors,
     drop_shared_no_mirrors,
     no_mirrors,
@@ -93,19 +94,24 @@ def beside(line, gap):
     return line + np.array([0.0, gap])
 
 
+def lies_over(line, walls, anchor):
+    """Whether a line lies over a corner of any two walls."""
+    return over_corner(line, walls, corners_of(walls), anchor)
+
+
 def test_lines_over_a_corner():
     line = double(ANCHORS[0])
     np.testing.assert_allclose(mirror(line, ANCHORS[0]), 2 * CORNER - ANCHORS[0])  # of a right angle
-    assert over_corner(line, WALLS[:2], ANCHORS[0])
+    assert lies_over(line, WALLS[:2], ANCHORS[0])
     # departures pull it about the corner: the image, 4.03 m from it, moves by 8.06 sin(turn)
-    assert over_corner(about(CORNER, line, 0.24), WALLS[:2], ANCHORS[0])
-    assert not over_corner(about(CORNER, line, 0.26), WALLS[:2], ANCHORS[0])
+    assert lies_over(about(CORNER, line, 0.24), WALLS[:2], ANCHORS[0])
+    assert not lies_over(about(CORNER, line, 0.26), WALLS[:2], ANCHORS[0])
     # and beside it, it is another wall
-    assert over_corner(beside(line, 0.14), WALLS[:2], ANCHORS[0])
-    assert not over_corner(beside(line, 0.16), WALLS[:2], ANCHORS[0])
+    assert lies_over(beside(line, 0.14), WALLS[:2], ANCHORS[0])
+    assert not lies_over(beside(line, 0.16), WALLS[:2], ANCHORS[0])
     # two walls that don't cross have none, and a wall alone neither
-    assert not over_corner(double(ANCHORS[0], WALLS[0], WALLS[2]), WALLS[::2], ANCHORS[0])
-    assert not over_corner(line, WALLS[:1], ANCHORS[0])
+    assert not lies_over(double(ANCHORS[0], WALLS[0], WALLS[2]), WALLS[::2], ANCHORS[0])
+    assert not lies_over(line, WALLS[:1], ANCHORS[0])
 
 
 @given(st.floats(0.3, 2.8), st.floats(-3, 3), st.floats(-3, 3), st.sampled_from([1, -1]))
@@ -113,7 +119,7 @@ def test_of_any_corner(angle, x, y, order):
     """What is heard over two walls through the origin has its image there, in either order."""
     walls = np.array([[0.4, 0.0], [0.4 + angle, 0.0]])
     anchor = np.array([x, y]) + 4.0
-    assert over_corner(double(anchor, *walls[::order]), walls, anchor)
+    assert lies_over(double(anchor, *walls[::order]), walls, anchor)
 
 
 def heard(line, **unlike):
@@ -135,7 +141,7 @@ def heard(line, **unlike):
 def test_walls_that_hardly_cross_have_no_corner():
     """Two at 0.1 rad to each other: their crossing is known too badly."""
     walls = np.array([[0.0, 2.0], [0.1, 2.0]])
-    assert not over_corner(double(ANCHORS[0], *walls), walls, ANCHORS[0])
+    assert not lies_over(double(ANCHORS[0], *walls), walls, ANCHORS[0])
 
 
 def test_they_go_in_a_step():

@@ -223,7 +223,7 @@ def test_evidence_falls_with_a_feature_that_is_not_there():
 def test_places_and_their_slopes_follow_from_the_entries():
     one, step = belief(), 1e-6
     np.testing.assert_allclose(places(one.mean, one.features.origin_m), POINTS[1:], atol=1e-12)
-    jacobian = place_jacobian(one.mean, one.features.origin_m)
+    jacobian = place_jacobian(one.mean)
     for entry in range(6):
         way = step * np.eye(10)[4 + entry]
         more, less = (places(one.mean + s * way, one.features.origin_m) for s in (1, -1))

@@ -44,7 +44,7 @@ def feature_estimate(belief: JointBelief, anchors: Array) -> tuple[FeatureEstima
     if not count:
         return FeatureEstimate.empty(), np.zeros((0, 0))
     place = places(belief.mean, bank.origin_m)
-    jacobian = block_diag(*place_jacobian(belief.mean, bank.origin_m))
+    jacobian = block_diag(*place_jacobian(belief.mean))
     joint = jacobian @ belief.covariance[MOVING:, MOVING:] @ jacobian.T
     covariance = np.zeros((count, 4, 4))
     for n in range(count):
@@ -103,7 +103,7 @@ def with_features(
         [np.hypot(*way.T) + table.bias_m, np.arctan2(way[:, 1], way[:, 0]), table.bias_m], 1
     ).ravel()
     mean = np.concatenate([belief.mean, entry])
-    inverse = block_diag(*np.linalg.inv(place_jacobian(mean, origin)))
+    inverse = block_diag(*np.linalg.inv(place_jacobian(mean)))
     size = len(belief.mean)
     covariance = np.zeros((len(mean), len(mean)))
     covariance[:size, :size] = belief.covariance

@@ -97,7 +97,7 @@ def find_paths(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: floa
     """
     peaks = _Peaks(band, samples, noise, power)
     prior, mode = take_in(peaks, prior)
-    return Found(prior, mode, _new(prior, mode, noise), *peaks.left_by(mode))
+    return Found(prior, mode, _new(prior, mode), *peaks.left_by(mode))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ class _Peaks:
         return False
 
 
-def _new(prior: PathsPrior, mode: StateMode, noise: float) -> NewPaths:
+def _new(prior: PathsPrior, mode: StateMode) -> NewPaths:
     """The free paths of a mode."""
     rows = slice(len(prior.table), None)
     matched, own = mode.paths.without(prior.weight)

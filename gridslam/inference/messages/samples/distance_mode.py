@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
 from gridslam import runtime
 from gridslam.arrays import Array
@@ -124,9 +123,7 @@ class Mode:
         return np.asarray(self.covariance.diagonal())
 
 
-def joint_mode(
-    band: Band, samples: Complex, prior: PathPrior, noise: float, start: Array | None = None
-) -> Mode:
+def joint_mode(band: Band, samples: Complex, prior: PathPrior, noise: float) -> Mode:
     """Find the mode by Gauss-Newton steps with the information of the whole snapshot (M79).
 
     Parameters
@@ -134,8 +131,6 @@ def joint_mode(
     samples : (M,) complex128
     noise : float
         Power of the noise in each sample.
-    start : (N,) m, optional
-        Where the search begins. Default: the predicted distances.
     """
     runtime.start()
     from gridslam.kernels.messages.distances import climb_distances
@@ -143,7 +138,7 @@ def joint_mode(
     size = len(prior.mean)
     weight = np.empty((size, 2))
     weight[:, 0], weight[:, 1] = prior.weight, prior.chances
-    distance = np.array(prior.mean if start is None else start, np.float64)
+    distance = np.array(prior.mean, np.float64)
     information, value = np.empty((size, size)), np.empty(1)
     climb_distances(
         band.wavenumber, pairs(band.pulse), pairs(np.ascontiguousarray(samples)), prior.mean,
@@ -160,11 +155,3 @@ def limits_of(band: Band, noise: float) -> Array:
     """Numbers of a search, (7,), as the kernel takes them."""
     farthest, norm = FARTHEST * band.resolution_m, 1 / np.sqrt(2 * np.pi)
     return np.array([noise, farthest, BEHIND_M, ROUNDS, HALVINGS, STILL**2, norm])
-
-
-def log_behind(distance: Array, chance: Array | float = 1.0, margin: float = BEHIND_M) -> Array:
-    """Log probability (N - 1,) that paths at distances [1:], there with a chance, are behind that at [0]."""
-    with np.errstate(divide="ignore"):
-        return np.logaddexp(
-            np.log(chance) + log_ndtr((distance[1:] - distance[0]) / margin), np.log1p(-np.asarray(chance))
-        )

@@ -89,7 +89,7 @@ def entries(place: Array, origin_m: Array) -> Array:
     return np.array([np.hypot(*way) + place[2], np.arctan2(way[1], way[0]), place[2]])
 
 
-def place_jacobian(mean: Array, origin_m: Array) -> Array:
+def place_jacobian(mean: Array) -> Array:
     """Slopes of `places` by each feature's own entries, (F, 3, 3)."""
     length, direction, extra = mean[MOVING:].reshape(-1, ENTRIES).T
     c, s, far = np.cos(direction), np.sin(direction), length - extra
