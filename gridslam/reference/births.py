@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief, give_birth, update
-from gridslam.inference.beliefs.layout import AGENT, StateLayout
+from gridslam.inference.beliefs.layout import AGENT, POSE, StateLayout
 from gridslam.kernels import FAINTEST
 from gridslam.reference.cells import cells_of
 from gridslam.reference.gaussian import RISE, clocked, late, tall
@@ -170,7 +170,7 @@ def initialise_surface(
         bounces = np.full(len(lines), 1 if known < 0 else 2)
         return agents, sources, (others if last >= 0 else lines), (others if first >= 0 else lines), bounces
 
-    inputs = np.concatenate([mean[[0, 1, 4]], value[[0, seen]], known_line])
+    inputs = np.concatenate([mean[POSE], value[[0, seen]], known_line])
     at, departs = inputs.copy(), arrives and scan[m, 4] >= 0 and std[1] < 1e6
     wide = np.hypot(std[2], np.sqrt(covariance[4, 4]))
     for reach in (REACH, 2 * REACH / TRIALS) if departs else ():
@@ -185,7 +185,7 @@ def initialise_surface(
     change = around[0] - around[1]
     derivative = np.stack([wrap(change[:, 0]), change[:, 1]]) / 2e-5
     by_state = np.zeros((2, size))
-    by_state[:, [0, 1, 4]] = derivative[:, :3]
+    by_state[:, POSE] = derivative[:, :3]
     if clocked(head, places):
         by_state[:, AGENT + anchor] = -derivative[:, 3]
     elif layout.clocks and places[anchor, RISE] >= 0:

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.kernels import FAINTEST
 from gridslam.kernels.primitives.blocks import Anchors, Belief, Borne, Left
 from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.world.geometry import lean, trace, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS as BINS
 
-AGENT = np.array([0, 1, HEADING])
 NEAR, OPEN, LEAST_DOUBT, MOST_LOG, MOST = 0.6, 0.5, 1e-9, 25.0, 50.0
 
 
@@ -23,7 +22,7 @@ def bear_out(
 ) -> tuple[Array, NDArray[np.int64]]:  # fmt: skip
     """Twin of `faint_births.bear_out`: gain (B, BINS), and how often each line was heard (B,)."""
     (places, radio), (pose, spread, begin, rows) = anchors, left
-    agent, doubt = belief.mean[AGENT], belief.covariance[np.ix_(AGENT, AGENT)]
+    agent, doubt = belief.mean[POSE], belief.covariance[OF_POSE]
     gain, seen = np.zeros((len(born.line), len(BINS))), np.zeros(len(born.line))
     for b, m in enumerate(born.measurement):
         own, unsure = corrected(born.line[b], agent, doubt, places[anchor], radio[anchor], scan[m])

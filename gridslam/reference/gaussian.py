@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief, update
-from gridslam.inference.beliefs.layout import AGENT, HEADING, StateLayout
+from gridslam.inference.beliefs.layout import AGENT, HEADING, POSE, StateLayout
 from gridslam.world.geometry import trace, wrap
 
 Whole = NDArray[np.int32]
@@ -52,7 +52,7 @@ def predict(
     far, bearing = drawn.distance + late(mean, head, source, places), drawn.arrival - mean[HEADING]
     value = np.stack([far, wrap(drawn.departure - place[:, 2]), wrap(bearing)], -1)
     slope = np.zeros((count, 3, len(mean)))
-    slope[:, :, [0, 1, HEADING]] = drawn.jacobian[:, :, :3]
+    slope[:, :, POSE] = drawn.jacobian[:, :, :3]
     if clocked(head, places):
         slope[np.arange(count), 0, AGENT + source] = 1.0
     elif layout.clocks:

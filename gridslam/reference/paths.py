@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.beliefs.layout import AGENT, HEADING, POSE
 from gridslam.world.geometry import trace, wrap
 
 Whole = NDArray[np.int32]
@@ -60,7 +60,7 @@ def draw(root: Array, base: Array, points: Array, head: int = AGENT) -> Array:
     lines = states[head:].reshape(surfaces, 2, states.shape[1])
     bent = np.stack([np.cos(lines[:, 0]), np.sin(lines[:, 0]), lines[:, 1]], 1)
     flat = bent.reshape(3 * surfaces, states.shape[1])
-    return np.concatenate([states[[0, 1, HEADING]], flat, states[AGENT:head]])
+    return np.concatenate([states[POSE], flat, states[AGENT:head]])
 
 
 def prepare(
