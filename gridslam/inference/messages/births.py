@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.ray_amplitudes import Key
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels.primitives import blocks
+from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit, wrap
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
@@ -120,6 +121,13 @@ class Births:
             fair = [likeliest, *(rival for rival in rivals if rival[0] >= RIVAL * total)]
             followed += [(one, existence * ratio / total) for ratio, one in fair]
         return followed
+
+
+def with_births(ratios: LikelihoodRatios, births: Births) -> LikelihoodRatios:
+    """The ratios with what these births send to each measurement into the association: xi of (M25)."""
+    measured = ratios.measured.copy()
+    measured[tables.NEW] = 1.0 + np.bincount(births.measurement, births.ratio, measured.shape[1])
+    return replace(ratios, measured=measured)
 
 
 @timed("births")

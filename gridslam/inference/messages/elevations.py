@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import HEADING
-from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.births import Births, with_births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
-from gridslam.kernels.primitives import tables
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, slant, trace, wrap
 from gridslam.world.radio import RadioModel
@@ -189,9 +188,8 @@ def weigh_births(
         variance = variance + np.where(rise < 0, 0.0, unsure[np.maximum(rise, 0)]) / (length * cosine) ** 2
     expected = np.arcsin(np.clip(height / length, -1.0, 1.0))
     ratio = births.ratio * seen.pairs(np.zeros(len(m), np.intp), m, expected, variance)
-    measured = ratios.measured.copy()
-    measured[tables.NEW] = 1.0 + np.bincount(m, ratio, len(scan))
-    return replace(births, ratio=ratio), replace(ratios, measured=measured)
+    births = replace(births, ratio=ratio)
+    return births, with_births(ratios, births)
 
 
 def correct_by_elevations(

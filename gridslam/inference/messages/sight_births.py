@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gridslam.arrays import replace
-from gridslam.inference.messages.births import Births
+from gridslam.inference.messages.births import Births, with_births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.state import State
-from gridslam.kernels.primitives import tables
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
 
@@ -64,6 +62,5 @@ def leave_sights(
     kept = np.flatnonzero(~taken[births.measurement])
     if len(kept) == len(births):
         return births, ratios
-    births, measured = births.take(kept), ratios.measured.copy()
-    measured[tables.NEW] = 1.0 + np.bincount(births.measurement, births.ratio, len(scan))
-    return births, replace(ratios, measured=measured)
+    births = births.take(kept)
+    return births, with_births(ratios, births)
