@@ -48,36 +48,41 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     """One step, as the list of its messages, with rings beside virtual anchors."""
     work.begin()
     exchanges, earlier_s = list[Exchange](), state.time_s
-    state = ranging.move_rings(state, scan.time_s, model)
-    state = predict(state, scan.time_s, len(scan), model)
+    state = ranging.move_rings(state, scan.time_s, model)  # (M16)
+    state = predict(state, scan.time_s, len(scan), model)  # (M16) to (M19)
     calibration_used = state.calibration
     model = work.calibrated(model, calibration_used.turned)
     scans = work.once(split_by_anchor, scan, model)
-    state = recover_pose(state, scans, earlier_s, model, work=work)
+    state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
     for anchor_scan in scans.surest_first:
-        before, radio = state, state.calibration.tuned(model.radio, anchor_scan.anchor)
-        paths = predict_paths(state, anchor_scan.anchor, model, work=work)
-        amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)
-        cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
-        state, ratios, level = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
-        births, ratios = propose_births(
-            state, ranging.of_arrivals(anchor_scan), cloud, ratios, level, model, work=work
-        )  # fmt: skip
-        given, tentative = ranging.associate_with_rings(state, anchor_scan, ratios, radio, model)
-        state, exchange = update_surfaces_and_agent(
+        before, radio_before = state, state.calibration.tuned(model.radio, anchor_scan.anchor)
+        paths = predict_paths(state, anchor_scan.anchor, model, work=work)  # (M20), (M21)
+        amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)  # (M43)
+        cloud, ratios = evaluate(  # (M22) to (M25)
+            anchor_scan, paths, np.ones(len(paths)), amplitudes, radio_before, model, work=work
+        )
+        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio_before, model)  # (M46)
+        births, ratios = propose_births(  # (M32)
+            state, ranging.of_arrivals(anchor_scan), cloud, ratios, radio, model, work=work
+        )
+        # rings count against the clutter of the scans before, here and where they are updated: no reason for
+        # that is known, and results hang on it
+        given, tentative = ranging.associate_with_rings(state, anchor_scan, ratios, radio_before, model)
+        state, exchange = update_surfaces_and_agent(  # (M27) to (M31)
             state, anchor_scan, paths, ratios, calibration_used.turned, model, given, work=work
         )
-        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model, work=work)
-        state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)
-        state, exchange, born = add_births(
+        state = update_amplitudes(state, paths, amplitudes, anchor_scan, exchange, model, work=work)  # (M44)
+        state = mark_detections(state, paths.rays, exchange.responsible.sum(1), model, work=work)  # (M391)
+        state, exchange, born = add_births(  # (M33), (M34)
             state, births, anchor_scan, exchange, radio, model, shared=False, work=work
         )
         state = start_amplitudes(state, born, anchor_scan, model.radio)
-        state = ranging.update_rings(before, state, anchor_scan, tentative, radio, model)
+        state = ranging.update_rings(before, state, anchor_scan, tentative, radio_before, model)  # (M45)
         state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
-    state = ranging.join_shrunk_rings(state, radio, model)
+    radio = calibration_used.tuned(model.radio, 0)  # rings ask for amplitudes, which are one for all anchors
+    state = ranging.join_shrunk_rings(state, radio, model)  # docs/model.md, section 8
     merged = forget_amplitudes(merge_and_prune(state, model))  # docs/model.md, section 9
     state = ranging.follow_belief(state, merged)
     state = ranging.prune_rings(state, model)
