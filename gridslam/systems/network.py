@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import replace
 from gridslam.inference.health.reasons import ASTRAY, CLOCK_CONTESTED, CLOCK_OPEN
@@ -73,21 +74,54 @@ def step(
     state: NetworkState, scan: NetworkScan, model: NetworkModel, work: Works
 ) -> tuple[NetworkState, NetworkInfo]:
     """One step: clocks by what all agents heard, then every agent's turn after those before it."""
+    earlier_s = state.time_s
+    predicted, recalled = before_turns(state, scan, model, work)
+    state, infos = take_turns(recalled, scan, earlier_s, model, work, turn)
+    return after_turns(predicted, recalled, state, infos, model)
+
+
+def before_turns(
+    state: NetworkState, scan: NetworkScan, model: NetworkModel, work: Works
+) -> tuple[NetworkState, NetworkState]:
+    """Motion and clocks: what a step begins with, before any agent's turn.
+
+    Returns
+    -------
+    (predicted, recalled)
+        predicted: after motion alone; recalled: with lost agents found and clocks set, where turns begin.
+    """
     for own in work:
         own.begin()
     earlier_s = state.time_s
     predicted = state = predict_all(state, scan.time_s, scan.scans, model)  # (M104)
-    state = recover_agents(state, scan.scans, earlier_s, model, work)
+    state = recover_agents(state, scan.scans, earlier_s, model, work)  # docs/model.md, section 13
     state = look_afresh(state, scan.scans, model, work)  # (M492)
     state = challenge_ties(state, scans_of_teachers(state, scan), model, works=work)  # (M531)
     state = set_clocks(state, scans_of_teachers(state, scan), model, works=work)  # (M103)
-    recalled = state
-    state, infos = take_turns(state, scan, earlier_s, model, work, turn)
+    return predicted, state
+
+
+def after_turns(
+    predicted: NetworkState,
+    recalled: NetworkState,
+    state: NetworkState,
+    infos: Sequence[StepInfo | None],
+    model: NetworkModel,
+) -> tuple[NetworkState, NetworkInfo]:
+    """Walks of clocks and surfaces, and which surfaces stay: what a step ends with.
+
+    Parameters
+    ----------
+    predicted, recalled : NetworkState
+        What `before_turns` returned.
+    infos : sequence of StepInfo or None
+        What happened in every agent's turn.
+    """
     state = learn_walk(predicted, state, model)  # (M331)
     state = learn_shared_walks(recalled, state)  # (M361)
     state = drop_shared_no_mirrors(state, model)  # (M517), (M548)
-    state, merging = merge_and_prune_shared(state, model, infos)
-    return replace(state, step=state.step + 1), NetworkInfo(merging)
+    state, infos = merge_and_prune_shared(state, model, infos)  # docs/model.md, section 9
+    return replace(state, step=state.step + 1), NetworkInfo(tuple(infos))
 
 
 def scans_of_teachers(state: NetworkState, scan: NetworkScan) -> list[Scan | None]:
@@ -108,33 +142,37 @@ def take_turns(
     One that is lost hears what all have mapped, and teaches nothing until it is followed again.
     """
     infos = list[StepInfo | None]()
-    for agent, anchor_scan in enumerate(scan.scans):
+    for agent, (own_scan, own_model, own_work) in enumerate(zip(scan.scans, model.agents, work, strict=True)):
         info = None
-        if anchor_scan is not None:
-            part, info = turn(
-                without_turns(state, agent),
-                agent,
-                anchor_scan,
-                state,
-                earlier_s,
-                model.agents[agent],
-                work[agent],
-            )
-            part, info = watched_sights(  # (M532)
-                part, info, anchor_scan, model.agents[agent], work=work[agent]
-            )
-            if state.recorded(agent, part.monitor).teaches[agent]:
-                state = doubt_clocks(
-                    loosened(state.having(agent, part)), agent, info.exchanges, model
-                )  # (M102)
-            else:
-                state, info = state.apart(agent, part), replace(info.doubted(ASTRAY), teaches=False)
-            if state.clocks.adrift(agent):
-                info = info.doubted(CLOCK_OPEN)
-            elif state.clocks.contested(agent):
-                info = info.doubted(CLOCK_CONTESTED)
+        if own_scan is not None:
+            part = without_turns(state, agent)
+            part, info = turn(part, agent, own_scan, state, earlier_s, own_model, own_work)
+            part, info = watched_sights(part, info, own_scan, own_model, work=own_work)  # (M532)
+            state, info = take_in(state, agent, part, info, model)
         infos.append(info)
     return state, infos
+
+
+def take_in(
+    state: NetworkState, agent: int, part: State, info: StepInfo, model: NetworkModel
+) -> tuple[NetworkState, StepInfo]:
+    """What all believe after an agent's turn, and the turn's health with what its place and clock say.
+
+    Parameters
+    ----------
+    part : State
+        The agent's view after its turn.
+    """
+    if state.recorded(agent, part.monitor).teaches[agent]:
+        state = loosened(state.having(agent, part))  # (M102)
+        state = doubt_clocks(state, agent, info.exchanges, model)
+    else:
+        state, info = state.apart(agent, part), replace(info.doubted(ASTRAY), teaches=False)
+    if state.clocks.adrift(agent):
+        info = info.doubted(CLOCK_OPEN)
+    elif state.clocks.contested(agent):
+        info = info.doubted(CLOCK_CONTESTED)
+    return state, info
 
 
 def without_turns(state: NetworkState, agent: int) -> State:
@@ -160,7 +198,7 @@ def turn(
     """One agent's messages about its view: those of adaptive SLAM, over the paths of all anchors at once."""
     exchanges, calibration_used = list[Exchange](), state.calibration
     model = work.calibrated(model, calibration_used.turned)
-    senders = np.flatnonzero(network.clocks.bearing(agent, network.labelled)).astype(np.int32)
+    senders = bearing_anchors(network, agent)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
     for anchor_scan in scans:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
@@ -191,6 +229,11 @@ def turn(
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
     return conclude(state, exchanges, calibration_used, model, work)
+
+
+def bearing_anchors(network: NetworkState, agent: int) -> NDArray[np.int32]:
+    """Numbers of the anchors whose paths to an agent may bear surfaces."""
+    return np.flatnonzero(network.clocks.bearing(agent, network.labelled)).astype(np.int32)
 
 
 def by_anchor(

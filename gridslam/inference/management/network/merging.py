@@ -31,6 +31,11 @@ def merge_and_prune_shared(
         Of every agent; where surfaces that are believed in find no room, their health says so.
     most : int
         How many surfaces are kept at most.
+
+    Returns
+    -------
+    (state, infos)
+        infos: the same, with what their health says of surfaces that found no room.
     """
     one = model.agents[0]
     told = [info for info in infos if info is not None and info.teaches]
