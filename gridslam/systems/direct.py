@@ -27,7 +27,8 @@ from gridslam.inference.management.samples.image_readout import (
 )
 from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.management.samples.mirrored_places import watch_mirrors
-from gridslam.inference.management.samples.second_look import LAST, advance, begun
+from gridslam.inference.management.samples.second_look import LAST, begun
+from gridslam.inference.management.samples.second_look import advance as advance_population
 from gridslam.inference.messages.samples.early_paths import watch_arrivals
 from gridslam.inference.messages.samples.image_births import (
     FIRST_STEPS,
@@ -107,33 +108,41 @@ def step(
 ) -> tuple[DirectState, DirectInfo]:
     """One step, as the list of its messages ([LiangDirect], section III; docs/model.md, section 12)."""
     band = band_of(model.waveform)
-    every, findings = list[AnchorPaths](), list[Found]()
-    rate = birth_rate(state.step, model.max_bounces)
-    state = predict_state(state, scan.time_s, len(scan), model)
+    all_paths, all_found = list[AnchorPaths](), list[Found]()
+    rate = birth_rate(state.step, model.max_bounces)  # (M81)
+    state = predict_state(state, scan.time_s, len(scan), model)  # (M16)
     for anchor in np.flatnonzero(scan.heard).tolist():
         samples = scan.samples[anchor, 0, 0]
-        state = start_levels(state, anchor, band, samples, model)
-        paths = predict_paths(state, anchor, model)
+        state = start_levels(state, anchor, band, samples, model)  # (M86)
+        paths = predict_paths(state, anchor, model)  # (M156)
         noise = float(state.links.noise[anchor])
-        found = find_births(band, samples, paths.prior, noise, rate, state.step < FIRST_STEPS)
-        state = update_state(state, paths, found)
-        state = tell_motion(state, learn_rings(state, paths, found), paths)
+        found = find_births(  # (M79), (M81), (M82)
+            band, samples, paths.prior, noise, rate, state.step < FIRST_STEPS
+        )
+        state = before_rings = update_state(state, paths, found)  # (M80), (M443)
+        state = learn_rings(state, paths, found)  # (M83)
+        state = tell_motion(before_rings, state, paths)  # (M538)
         state = watch_fit(state, paths, found)
-        state = update_levels(state, paths, found)
-        state = retire_substitutes(state, paths, found)
-        state = add_tentative(state, anchor, found.new, model)
-        state = propose_images(state, paths, found, model)
-        state = reclaim_line_of_sight(state, paths, found.mode, model)  # rows may go
-        every.append(paths)
-        findings.append(found)
+        state = update_levels(state, paths, found)  # (M85), (M86)
+        state = retire_substitutes(state, paths, found)  # (M543)
+        state = add_tentative(state, anchor, found.new, model)  # (M82)
+        state = propose_images(state, paths, found, model)  # (M292) to (M294)
+        state = reclaim_line_of_sight(state, paths, found.mode, model)  # (M544); rows may go
+        all_paths.append(paths)
+        all_found.append(found)
     state = forbid_own_place(state, model)
-    state = confirm_proposals(merge_images(join_straight_rings(state)))
-    state = share_walls(state, model)
-    state = watch_mirrors(note_hits(prune(state), model), band, model)
-    state = borne_out(watch_arrivals(state, scan, model), model, band)  # (M451), (M534)
+    state = join_straight_rings(state)  # (M84)
+    state = merge_images(state)
+    state = confirm_proposals(state)  # (M294)
+    state = share_walls(state, model)  # (M293), (M545)
+    state = prune(state)
+    state = note_hits(state, model)
+    state = watch_mirrors(state, band, model)  # (M444)
+    state = watch_arrivals(state, scan, model)  # (M451)
+    state = borne_out(state, model, band)  # (M534)
     health = state.watch.assess(state.spread_m, len(model.anchors), bool(state.one_sided.any()))
-    state = tried(state, health.ok)
-    return replace(state.packed(), step=state.step + 1), DirectInfo(every, findings, health)
+    state = tried(state, health.ok)  # (M535)
+    return replace(state.packed(), step=state.step + 1), DirectInfo(all_paths, all_found, health)
 
 
 def require_single_antennas(waveform: Waveform) -> None:
@@ -204,7 +213,7 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
         return begun(state, self.model)
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[DirectState], DirectInfo]:
-        population, info, amiss = advance(self.population, scan, self.model, self.advance)
+        population, info, amiss = advance_population(self.population, scan, self.model, self.advance)
         state = population.best
         trial = reasons.found_again(state.step - 1) if state.found_again else ""
         why = "; ".join(reason for reason in (amiss, info.health.why) if reason)

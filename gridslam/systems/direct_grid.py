@@ -14,7 +14,8 @@ from gridslam.errors import InputError
 from gridslam.inference.management.free_turn import turn_followed
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.no_mirrors import drop_no_mirrors
-from gridslam.inference.management.samples.array_starts import advance, begun
+from gridslam.inference.management.samples.array_starts import advance as advance_population
+from gridslam.inference.management.samples.array_starts import begun
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
 from gridslam.inference.messages.faint_births import remember_leftovers
@@ -149,7 +150,7 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
             departs = any(len(element) > 1 for element in self.waveform.anchor_element_m)
             told = departs or self.model.senders > 1 or scan.heading_rad is not None
             believed = turn_followed(believed, told, self.model)
-        return advance(believed, scan, self.model, self.work, self.start, self.advance)
+        return advance_population(believed, scan, self.model, self.work, self.start, self.advance)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""
