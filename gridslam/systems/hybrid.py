@@ -6,27 +6,26 @@ learned stays as uncertain as the agent was that learned it.
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
 from gridslam.inference.management.features.feature_tables import with_features
 from gridslam.inference.management.features.hybrid_info import HANDED_ON, SIGHTS, HybridInfo, conclude
 from gridslam.inference.messages.features.feature_likelihood import require_hybrid
 from gridslam.inference.messages.features.following import (
-    counted,
+    FeatureWork,
+    count_step,
     follow_by_particles,
     follow_jointly,
     predict_agent,
     remember,
-    snapshot,
+    take_snapshot,
 )
 from gridslam.inference.messages.features.learning import Learned
-from gridslam.inference.messages.features.lessons import SETTLED, put_aside, take_up
+from gridslam.inference.messages.features.lessons import SETTLED, HybridWork, apply_lesson, begin_lesson
 from gridslam.inference.state.features.features import MOVING, FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.maps.map import Map
-from gridslam.systems.hybrid_front import HybridFilter, HybridWork, given_features
+from gridslam.systems.hybrid_front import HybridFilter, given_features
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -67,33 +66,31 @@ def step(
     state: HybridState, scan: SignalScan, model: SignalModel, work: HybridWork
 ) -> tuple[HybridState, HybridInfo]:
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
-    began = time.perf_counter()
-    got = snapshot(scan, model)
-    state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23)
+    work.begin()
+    snapshot = take_snapshot(scan, model)
+    state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23); (M133)
     if state.step < SETTLED:
-        # eqs. (24)-(32), and what tells a line of sight from other paths
-        state, moments = follow_by_particles(state, got, work.front, model, work.seed, bounded=True)
+        # eqs. (24)-(32); (M134) to (M136), and (M452), which tells a line of sight from other paths
+        state, moments = follow_by_particles(state, snapshot, model, bounded=True, work=work)
     else:
-        state, moments = follow_jointly(state, got, model)
-    followed = time.perf_counter()
-    state = counted(remember(state, got, moments), got, moments, work.front, model)
-    state, learned = take_up(state, work.beside, work.front, model)  # eq. (43)
-    state = put_aside(state, work.beside, work.front, model)
-    seconds = {"follow": followed - began, "learn": time.perf_counter() - followed}
-    return state, conclude(state, moments, learned, got.heading_rad, seconds, model)
+        state, moments = follow_jointly(state, snapshot, model, work=work)  # (M126) to (M131), (M526)
+    state = remember(state, snapshot, moments)
+    state = count_step(state, snapshot, moments, work.front, model)  # (M451)
+    state, learned = apply_lesson(state, model, work=work)  # eq. (43); (M132), (M137)
+    state = begin_lesson(state, model, work=work)
+    return state, conclude(state, moments, learned, snapshot.heading_rad, work.times(), model)
 
 
 def step_by_sight(
-    state: HybridState, scan: SignalScan, model: SignalModel, work: HybridWork
+    state: HybridState, scan: SignalScan, model: SignalModel, work: FeatureWork
 ) -> tuple[HybridState, HybridInfo]:
     """The same without any features: what the line of sight alone gives."""
-    began = time.perf_counter()
-    got = snapshot(scan, model)
-    state = predict_agent(state, scan.time_s, model, work.seed)
-    state, moments = follow_by_particles(state, got, work.front, model, work.seed)
-    state = counted(state, got, moments, work.front, model)
-    seconds = {"follow": time.perf_counter() - began}
-    return state, conclude(state, moments, Learned(), got.heading_rad, seconds, model)
+    work.begin()
+    snapshot = take_snapshot(scan, model)
+    state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23); (M133)
+    state, moments = follow_by_particles(state, snapshot, model, work=work)  # eqs. (24)-(32); (M134)-(M136)
+    state = count_step(state, snapshot, moments, work.front, model)  # (M451)
+    return state, conclude(state, moments, Learned(), snapshot.heading_rad, work.times(), model)
 
 
 class HybridSlam(HybridFilter):

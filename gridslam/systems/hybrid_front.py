@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from gridslam.inference.management.features.mirror_cells import mirrors_of
 from gridslam.inference.management.features.sharing import handed_over, with_others
 from gridslam.inference.management.features.surface_features import Images
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.lessons import Beside
+from gridslam.inference.messages.features.lessons import HybridWork
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
@@ -28,24 +28,6 @@ from gridslam.systems.signal_front import SignalFilter
 from gridslam.world.geometry import wrap
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
-
-
-@dataclass(frozen=True, eq=False)
-class HybridWork:
-    """What steps share and no state holds.
-
-    Attributes
-    ----------
-    front : Front
-        Tables of the waveform.
-    seed : int
-    beside : Beside
-        Learns ahead of when it is due.
-    """
-
-    front: Front
-    seed: int
-    beside: Beside = field(default_factory=Beside)
 
 
 def given_features(prior: Map, model: SignalModel) -> Images:

@@ -34,7 +34,42 @@ SLOTS = 48
 """Slots beyond which, as with many anchors, buffers of one shape last: those of four took gigabytes."""
 
 
-class Workspace:
+class StageClock:
+    """Where the time of a filter's latest step goes, by stage.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        Time of the latest step, by stage.
+    stage : str
+        For which time counts now.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+        self.stage = OTHER
+        self._since = time.perf_counter()
+
+    def begin(self) -> None:
+        """A new step."""
+        self.seconds = defaultdict(float)
+        self.stage = OTHER
+        self._since = time.perf_counter()
+
+    def turn_to(self, stage: str) -> str:
+        """Count time for this stage from now on; the stage for which it counted."""
+        now, before = time.perf_counter(), self.stage
+        self.seconds[before] += now - self._since
+        self._since, self.stage = now, stage
+        return before
+
+    def times(self) -> dict[str, float]:
+        """Seconds of the step so far, by stage."""
+        self.turn_to(self.stage)
+        return dict(self.seconds)
+
+
+class Workspace(StageClock):
     """What the steps of one filter write to and may forget.
 
     Attributes
@@ -43,10 +78,6 @@ class Workspace:
         Normal points from which beliefs are sampled; they follow from seed and number.
     messages : PathMessages
         Messages of all paths to coefficients and cells, within a step.
-    seconds : dict of str to float
-        Time of the latest step, by stage.
-    stage : str
-        For which time counts now.
     recovers : bool
         Whether a step may look for a lost agent by itself.
 
@@ -68,18 +99,16 @@ class Workspace:
     def __init__(
         self, model: FilterModel, seed: int, grid: bool = False, cells: CellBuffers | None = None
     ) -> None:
+        super().__init__()
         settings = model.settings
         self.seed = seed
         self.recovers = True
         self._cells = CellBuffers(model) if grid and cells is None else cells
         self.particles = Particles(settings.particles, seed, settings.adapt_particles)
         self.messages = PathMessages(self._cells is not None)
-        self.seconds: defaultdict[str, float] = defaultdict(float)
         self._buffers: dict[tuple[Callable[..., Any], Hashable], list[tuple[tuple[Any, ...], Any]]] = {}
         self._shared: dict[tuple[Any, ...], tuple[tuple[Any, ...], Any]] = {}
         self._views: dict[tuple[int, int], tuple[NDArray[Any], Any]] = {}
-        self.stage = OTHER
-        self._since = time.perf_counter()
         self._turned: tuple[FilterModel, bytes, FilterModel] | None = None
 
     def begin(self) -> None:
@@ -87,9 +116,7 @@ class Workspace:
         self.messages.clear()
         if self._cells is not None:
             self._cells.settle()
-        self.seconds = defaultdict(float)
-        self.stage = OTHER
-        self._since = time.perf_counter()
+        super().begin()
 
     def buffers(self, make: Callable[..., Made], slot: Hashable, *shape: Any) -> Made:
         """What `make` made of this shape for the slot, made anew if the latest ones were of other shapes.
@@ -150,18 +177,6 @@ class Workspace:
         if self._turned is None or self._turned[0] is not model or self._turned[1] != key:
             self._turned = model, key, model.calibrated(turns, higher)
         return self._turned[2]
-
-    def turn_to(self, stage: str) -> str:
-        """Count time for this stage from now on; the stage for which it counted."""
-        now, before = time.perf_counter(), self.stage
-        self.seconds[before] += now - self._since
-        self._since, self.stage = now, stage
-        return before
-
-    def times(self) -> dict[str, float]:
-        """Seconds of the step so far, by stage."""
-        self.turn_to(self.stage)
-        return dict(self.seconds)
 
 
 def timed(stage: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -6,7 +6,6 @@ between it and hybrid SLAM is what learning costs; [HybridSlam], section VII, co
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import Any
 
@@ -18,19 +17,19 @@ from gridslam.inference.management.features.feature_tables import with_features
 from gridslam.inference.management.features.hybrid_info import HANDED_ON, SIGHTS, HybridInfo, conclude
 from gridslam.inference.management.features.surface_features import image_features
 from gridslam.inference.messages.features.following import (
-    counted,
+    count_step,
     follow_by_particles,
     follow_jointly,
     predict_agent,
     remember,
-    snapshot,
+    take_snapshot,
 )
 from gridslam.inference.messages.features.learning import Learned
-from gridslam.inference.messages.features.lessons import SETTLED, put_aside, take_up
+from gridslam.inference.messages.features.lessons import SETTLED, HybridWork, apply_lesson, begin_lesson
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.maps.map import Map
 from gridslam.systems.hybrid import start
-from gridslam.systems.hybrid_front import HybridFilter, HybridWork
+from gridslam.systems.hybrid_front import HybridFilter
 from gridslam.world.geometry import unit
 from gridslam.world.scene import Scene
 from gridslam.world.signal_model import SignalModel
@@ -45,19 +44,19 @@ def step(
     state: HybridState, scan: SignalScan, model: SignalModel, work: HybridWork
 ) -> tuple[HybridState, HybridInfo]:
     """Hybrid SLAM's step without any learning once particles have settled."""
-    began = time.perf_counter()
-    got = snapshot(scan, model)
+    work.begin()
+    snapshot = take_snapshot(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)
     if state.step < SETTLED:
-        state, moments = follow_by_particles(state, got, work.front, model, work.seed)
-        state = counted(remember(state, got, moments), got, moments, work.front, model)
-        state, _ = take_up(state, work.beside, work.front, model)
-        state = put_aside(state, work.beside, work.front, model)
+        state, moments = follow_by_particles(state, snapshot, model, work=work)
+        state = remember(state, snapshot, moments)
+        state = count_step(state, snapshot, moments, work.front, model)
+        state, _ = apply_lesson(state, model, work=work)
+        state = begin_lesson(state, model, work=work)
     else:
-        state, moments = follow_jointly(state, got, model)
-        state = counted(state, got, moments, work.front, model)
-    seconds = {"follow": time.perf_counter() - began}
-    return state, conclude(state, moments, Learned(), got.heading_rad, seconds, model)
+        state, moments = follow_jointly(state, snapshot, model, work=work)
+        state = count_step(state, snapshot, moments, work.front, model)
+    return state, conclude(state, moments, Learned(), snapshot.heading_rad, work.times(), model)
 
 
 def true_features(scene: Scene, model: SignalModel) -> tuple[FeatureEstimate, Array]:

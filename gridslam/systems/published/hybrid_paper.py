@@ -5,22 +5,21 @@ Kept to compare with: particles all the way, and a map taken as exact; [HybridSl
 
 from __future__ import annotations
 
-import time
-
 from gridslam.inference.management.features.hybrid_info import HybridInfo, conclude
 from gridslam.inference.messages.features.following import (
-    counted,
+    FeatureWork,
+    count_step,
     follow_by_particles,
     predict_agent,
     remember,
-    snapshot,
+    take_snapshot,
 )
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.network_learning import learn_by_networks
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.maps.map import Map
 from gridslam.systems.hybrid import start as start_hybrid
-from gridslam.systems.hybrid_front import HybridFilter, HybridWork
+from gridslam.systems.hybrid_front import HybridFilter
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -31,18 +30,17 @@ def start(model: SignalModel, prior: Map | None = None) -> HybridState:
 
 
 def step(
-    state: HybridState, scan: SignalScan, model: SignalModel, work: HybridWork
+    state: HybridState, scan: SignalScan, model: SignalModel, work: FeatureWork
 ) -> tuple[HybridState, HybridInfo]:
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
-    began = time.perf_counter()
-    got = snapshot(scan, model)
+    work.begin()
+    snapshot = take_snapshot(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23)
-    state, moments = follow_by_particles(state, got, work.front, model, work.seed)  # eqs. (24)-(32)
-    followed = time.perf_counter()
-    state = counted(remember(state, got, moments), got, moments, work.front, model)
-    state = learn_by_networks(state, work.front, model, work.seed)  # eqs. (42), (43)
-    seconds = {"follow": followed - began, "learn": time.perf_counter() - followed}
-    return state, conclude(state, moments, Learned(), got.heading_rad, seconds, model)
+    state, moments = follow_by_particles(state, snapshot, model, work=work)  # eqs. (24)-(32)
+    state = remember(state, snapshot, moments)
+    state = count_step(state, snapshot, moments, work.front, model)  # (M451)
+    state = learn_by_networks(state, model, work=work)  # eqs. (42), (43)
+    return state, conclude(state, moments, Learned(), snapshot.heading_rad, work.times(), model)
 
 
 class PublishedHybridSlam(HybridFilter):

@@ -9,7 +9,7 @@ from signal_worlds import signal_model
 from gridslam.inference.health.reasons import TURNABLE
 from gridslam.inference.management.features.hybrid_info import HANDED_ON, LATELY, SIGHTS, conclude
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.following import Snapshot, counted
+from gridslam.inference.messages.features.following import Snapshot, count_step
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.state.features.features import FeatureBank
@@ -54,10 +54,12 @@ def test_steps_are_counted_at_which_each_anchor_is_in_sight():
     got = Snapshot(np.ones((1, 1, 41), complex), np.array([True]), 0.0)
     state = HybridState(joint, joint, Segment.empty(1, 1, 41))
     for _ in range(2):
-        state = counted(state, got, WHERE, Front(model.waveform), model)
+        state = count_step(state, got, WHERE, Front(model.waveform), model)
     hidden = replace(state, joint=replace(joint, existence=np.array([0.5])))
-    hidden = counted(hidden, got, WHERE, Front(model.waveform), model)
+    hidden = count_step(hidden, got, WHERE, Front(model.waveform), model)
     assert (state.sighted.tolist(), hidden.sighted.tolist()) == ([2], [2])
     assert (state.unseen.tolist(), hidden.unseen.tolist()) == ([0], [1])
-    given = counted(replace(hidden, unseen=np.array([HANDED_ON])), got, WHERE, Front(model.waveform), model)
+    given = count_step(
+        replace(hidden, unseen=np.array([HANDED_ON])), got, WHERE, Front(model.waveform), model
+    )
     assert given.unseen[0] < -LATELY

@@ -18,13 +18,13 @@ from gridslam.inference.messages.features.arrivals import (
     contradictions,
 )
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.following import Snapshot, counted
+from gridslam.inference.messages.features.following import Snapshot, count_step
 from gridslam.inference.messages.features.learning import Learned
+from gridslam.inference.messages.features.lessons import HybridWork
 from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.state.features.features import FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
 from gridslam.systems.hybrid import start, step, step_by_sight
-from gridslam.systems.hybrid_front import HybridWork
 from gridslam.world.signal_scan import SignalScan
 
 runtime_started = pytest.fixture(scope="module", autouse=True)(lambda: runtime.start())
@@ -174,15 +174,15 @@ def test_a_belief_that_is_contradicted_stays_so_while_no_line_of_sight_is_seen()
             ([-0.6, -0.8], across),
         )
     )
-    state = counted(state, seen, right, front, model)
+    state = count_step(state, seen, right, front, model)
     assert state.early == 0.0
-    assert counted(state, seen, unsure, front, model).early == 0.0, "it may be as near as that"
-    state = counted(state, seen, aside, front, model)
-    assert counted(replace(state, early=0.0), seen, wrong, front, model).early == state.early
+    assert count_step(state, seen, unsure, front, model).early == 0.0, "it may be as near as that"
+    state = count_step(state, seen, aside, front, model)
+    assert count_step(replace(state, early=0.0), seen, wrong, front, model).early == state.early
     assert state.early == pytest.approx(1 - KEEP)
     unseen = replace(state, joint=replace(joint, existence=np.array([0.01])))
-    assert counted(unseen, hidden, right, front, model).early == state.early
-    assert counted(state, seen, right, front, model).early == pytest.approx(KEEP * state.early)
+    assert count_step(unseen, hidden, right, front, model).early == state.early
+    assert count_step(state, seen, right, front, model).early == pytest.approx(KEEP * state.early)
     for share, well in ((EARLY, True), (EARLY + 0.01, False)):
         info = conclude(replace(state, early=share), right, Learned(), 0.4, {}, model)
         assert info.health.ok == well

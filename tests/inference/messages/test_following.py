@@ -8,7 +8,7 @@ import pytest
 
 from gridslam.inference.messages.features import lessons
 from gridslam.inference.messages.features.following import leapt
-from gridslam.inference.messages.features.lessons import BESIDE, Learned, take_up
+from gridslam.inference.messages.features.lessons import BESIDE, HybridWork, Learned, apply_lesson
 from gridslam.inference.messages.features.ways import SPEEDS, apart, straight_ways
 from gridslam.inference.state.features.features import FeatureBank
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
@@ -40,8 +40,9 @@ def test_who_is_moved_by_a_lesson_is_said_to_have_been_moved_just_now(monkeypatc
     lesson = HybridState(before, before, Segment.empty(1, 4, 8), step=30)
     state = replace(lesson, lesson=lesson, step=30 + BESIDE)
     monkeypatch.setattr(lessons, "replay", lambda joint, *_, **__: (joint, np.zeros(0), np.zeros((0, 4))))
-    beside = SimpleNamespace(result=lambda *_: (replace(lesson, joint=after), Learned()))
-    moved, _ = take_up(state, beside, None, None)
+    work = HybridWork(None, 1)
+    work.beside = SimpleNamespace(result=lambda *_: (replace(lesson, joint=after), Learned()))
+    moved, _ = apply_lesson(state, None, work=work)
     assert (moved.leap_m, moved.since_leap) == (pytest.approx(1.0), 0)
 
 

@@ -18,6 +18,7 @@ from gridslam.inference.messages.features.readings import update_by_readings
 from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief
+from gridslam.inference.workspace.workspace import StageClock, timed
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -25,6 +26,22 @@ LEAP_M, LEAP = 0.5, 5.0
 """How far, in m and in its deviations, an agent has to be moved for its place before to have been wrong."""
 START_STEPS = 10
 """For which particles look for the agent; then the joint belief goes through them again."""
+
+
+class FeatureWork(StageClock):
+    """What steps of hybrid SLAM and of its references share and no state holds.
+
+    Parameters
+    ----------
+    front : Front
+        Tables of the waveform.
+    seed : int
+    """
+
+    def __init__(self, front: Front, seed: int) -> None:
+        super().__init__()
+        self.front = front
+        self.seed = seed
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +60,7 @@ class Snapshot:
     heading_rad: float
 
 
-def snapshot(scan: SignalScan, model: SignalModel) -> Snapshot:
+def take_snapshot(scan: SignalScan, model: SignalModel) -> Snapshot:
     """The samples of anchors of one element each.
 
     Raises
@@ -70,27 +87,32 @@ def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: i
     return replace(state, joint=predict(state.joint, seconds, jolt), time_s=time_s)
 
 
+@timed("follow")
 def follow_by_particles(
-    state: HybridState, got: Snapshot, front: Front, model: SignalModel, seed: int, bounded: bool = False
+    state: HybridState, snapshot: Snapshot, model: SignalModel, bounded: bool = False, *, work: FeatureWork
 ) -> tuple[HybridState, Moments]:
     """Particles of agent and noise after the samples, (M134)-(M136), see `sight.update_particles`."""
-    tables = [front.tables(z[None]) for z in got.samples]
+    front, seed, samples, heard = work.front, work.seed, snapshot.samples, snapshot.heard
+    tables = [front.tables(z[None]) for z in samples]
     cloud = state.particles
     if cloud is None:
-        state = replace(state, before=sight.rescaled(state.before, tables, got.heard))
+        state = replace(state, before=sight.rescaled(state.before, tables, heard))
         state = replace(state, joint=state.before)
-        cloud = sight.start_particles(state.joint, tables, got.heard, model, seed)
+        cloud = sight.start_particles(state.joint, tables, heard, model, seed)
     cloud, moments = sight.update_particles(
-        cloud, state.joint, got.samples, tables, got.heard, got.heading_rad, front, model, seed, state.step,
+        cloud, state.joint, samples, tables, heard, snapshot.heading_rad, front, model, seed, state.step,
         bounded, state.segment.latest(),
     )  # fmt: skip
     return replace(state, particles=cloud), moments
 
 
-def follow_jointly(state: HybridState, got: Snapshot, model: SignalModel) -> tuple[HybridState, Moments]:
+@timed("follow")
+def follow_jointly(
+    state: HybridState, snapshot: Snapshot, model: SignalModel, *, work: FeatureWork
+) -> tuple[HybridState, Moments]:
     """The joint belief after the samples, (M126)-(M130), beside paths that nobody knows yet, (M526)."""
     joint, evidence = update_by_readings(
-        state.joint, got.samples, got.heard, got.heading_rad, model, state.step
+        state.joint, snapshot.samples, snapshot.heard, snapshot.heading_rad, model, state.step
     )
     moments = Moments(joint.mean[:MOVING], joint.agent_covariance, evidence, np.inf)
     return leapt(replace(state, joint=joint), state.joint, joint), moments
@@ -102,7 +124,7 @@ def leapt(state: HybridState, before: JointBelief, after: JointBelief, since: in
     Parameters
     ----------
     since : int
-        Steps since then: -1 within a step that is yet to be `counted`.
+        Steps since then: -1 within a step that `count_step` hasn't counted yet.
     """
     shift = after.mean[:2] - before.mean[:2]
     squared = float(shift @ np.linalg.solve(before.agent_covariance[:2, :2], shift))
@@ -112,32 +134,33 @@ def leapt(state: HybridState, before: JointBelief, after: JointBelief, since: in
     return replace(state, leap_m=far, since_leap=since)
 
 
-def remember(state: HybridState, got: Snapshot, moments: Moments) -> HybridState:
+def remember(state: HybridState, snapshot: Snapshot, moments: Moments) -> HybridState:
     """The segment with this step."""
     assert state.time_s is not None
     segment = state.segment.add(
-        state.time_s, got.heading_rad, got.heard, got.samples, moments.mean, moments.log_evidence
-    )
+        state.time_s, snapshot.heading_rad, snapshot.heard, snapshot.samples, moments.mean,
+        moments.log_evidence,
+    )  # fmt: skip
     return replace(state, segment=segment)
 
 
-def counted(
-    state: HybridState, got: Snapshot, moments: Moments, front: Front, model: SignalModel
+def count_step(
+    state: HybridState, snapshot: Snapshot, moments: Moments, front: Front, model: SignalModel
 ) -> HybridState:
     """The state with one more step taken, and whether it contradicts where the agent is believed to be.
 
     It does if anything arrives before a line of sight that is as short as the agent's deviations allow. Where
     no line of sight is seen, it tells nothing else.
     """
-    silent = 0 if got.heard.any() else state.silent + 1
+    silent = 0 if snapshot.heard.any() else state.silent + 1
     belief = state.joint if state.particles is None else state.particles
-    sights = got.heard & (belief.existence > SIGHTED)
+    sights = snapshot.heard & (belief.existence > SIGHTED)
     seen, early = bool(sights.any()), False
-    for j in np.flatnonzero(got.heard):
+    for j in np.flatnonzero(snapshot.heard):
         way = moments.mean[:2] - model.anchors[j, :2]
         far = float(np.hypot(*way))
         spread = float(np.sqrt(way @ moments.covariance[:2, :2] @ way)) / max(far, LEAST_M)
-        early |= Arrivals.of(got.samples[j], front).before(far - DEVIATIONS * spread)
+        early |= Arrivals.of(snapshot.samples[j], front).before(far - DEVIATIONS * spread)
     share = state.early + (1 - KEEP) * (early - state.early) * (early or seen)
     unseen = state.unseen if len(state.unseen) else np.zeros(len(sights), np.int64)
     return replace(

@@ -12,11 +12,12 @@ from dataclasses import replace
 
 from gridslam import runtime
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.following import START_STEPS, leapt
+from gridslam.inference.messages.features.following import START_STEPS, FeatureWork, leapt
 from gridslam.inference.messages.features.learning import Learned, begun, learn
 from gridslam.inference.messages.features.rivals import replay
 from gridslam.inference.messages.features.settling import settle
 from gridslam.inference.state.features.hybrid_state import HybridState
+from gridslam.inference.workspace.workspace import timed
 from gridslam.world.signal_model import SignalModel
 
 LEARN_EVERY = 30
@@ -49,6 +50,20 @@ class Beside:
         return teach(lesson, front, model)
 
 
+class HybridWork(FeatureWork):
+    """What steps of hybrid SLAM share, with what learns beside them.
+
+    Attributes
+    ----------
+    beside : Beside
+        Learns ahead of when it is due.
+    """
+
+    def __init__(self, front: Front, seed: int) -> None:
+        super().__init__(front, seed)
+        self.beside = Beside()
+
+
 def teach(lesson: HybridState, front: Front, model: SignalModel) -> Taught:
     """The state with what its segment teaches: the joint belief in place of particles, or new features."""
     with runtime.one_blas_thread():
@@ -57,14 +72,13 @@ def teach(lesson: HybridState, front: Front, model: SignalModel) -> Taught:
         return learn(lesson, front, model)
 
 
-def take_up(
-    state: HybridState, beside: Beside, front: Front, model: SignalModel
-) -> tuple[HybridState, Learned]:
+@timed("learn")
+def apply_lesson(state: HybridState, model: SignalModel, *, work: HybridWork) -> tuple[HybridState, Learned]:
     """The state with what the lesson teaches, once that is due."""
     lesson = state.lesson
     if lesson is None or state.step < lesson.step + BESIDE:
         return state, Learned()
-    after, learned = beside.result(lesson, front, model)
+    after, learned = work.beside.result(lesson, work.front, model)
     state = replace(state, lesson=None)
     if lesson.particles is None and after.joint is lesson.joint:  # nothing was taken
         return state, learned
@@ -80,12 +94,13 @@ def take_up(
     ), learned  # fmt: skip
 
 
-def put_aside(state: HybridState, beside: Beside, front: Front, model: SignalModel) -> HybridState:
+@timed("learn")
+def begin_lesson(state: HybridState, model: SignalModel, *, work: HybridWork) -> HybridState:
     """The state with a lesson, where a segment has ended, and a new segment begun."""
     first = state.step == START_STEPS and state.particles is not None
     if not first and (state.step % LEARN_EVERY or state.particles is not None):
         return state
-    beside.begin(state, front, model)
+    work.beside.begin(state, work.front, model)
     return replace(state if first else begun(state, state.joint), lesson=state)
 
 

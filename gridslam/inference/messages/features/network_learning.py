@@ -9,6 +9,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
+from gridslam.inference.messages.features.following import FeatureWork
 from gridslam.inference.messages.features.lessons import LEARN_EVERY
 from gridslam.inference.state.features.features import MOVING, FeatureBank, entries
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, Segment
@@ -19,6 +20,7 @@ from gridslam.inference.state.features.networks import (
     Network,
     hidden,
 )
+from gridslam.inference.workspace.workspace import timed
 from gridslam.world.signal_model import SignalModel
 
 NETWORKS = 4
@@ -32,29 +34,30 @@ PLACE_STD_M = 1.0
 """The networks tell no deviations; of places and extra lengths, in maps."""
 
 
-def learn_by_networks(state: HybridState, front: Front, model: SignalModel, seed: int) -> HybridState:
+@timed("learn")
+def learn_by_networks(state: HybridState, model: SignalModel, *, work: FeatureWork) -> HybridState:
     """The state after a segment, at its end, with features where networks have them; else as it was.
 
     Parameters
     ----------
-    seed : int
-        Of the places that features start from.
+    work : FeatureWork
+        Its seed says which places features start from.
     """
     cloud, anchors = state.particles, model.anchors[:, :2]
     if cloud is None or state.step % LEARN_EVERY:
         return state
     networks = state.networks
     if networks is None:
-        networks = FeatureNetworks.drawn(anchors, [seed, 0, NETWORKS])
+        networks = FeatureNetworks.drawn(anchors, [work.seed, 0, NETWORKS])
     unit, noise = sight.los_power(cloud), cloud.noise.mean(1)
-    parts = [_stretch(state.segment, j, float(noise[j]), front) for j in range(len(unit))]
+    parts = [_stretch(state.segment, j, float(noise[j]), work.front) for j in range(len(unit))]
     for _ in range(ITERATIONS):
         table, extra, power = _table(networks, anchors, unit)
         slope = np.zeros_like(table)
         for j, (points, tables) in enumerate(parts):
             if len(points):
                 steps = np.arange(len(points), dtype=np.int32)
-                slope[j] = front.slopes(points, steps, table[j], anchors[j], tables)[0]
+                slope[j] = work.front.slopes(points, steps, table[j], anchors[j], tables)[0]
         slope[~np.isfinite(slope)] = 0.0
         slope[..., 2] *= np.sign(extra)
         by_power = slope[..., 3] * unit[:, None] * np.sign(power)

@@ -200,7 +200,8 @@ class HybridState:
     networks : FeatureNetworks or None
         Where features are, of the published way to learn.
     early : float
-        Share of the latest steps with a sight at which something arrived before it, see `following.counted`.
+        Share of the latest steps with a sight at which something arrived before it; see
+        `following.count_step`.
     sights : int
         Steps at which a line of sight was heard; enough from the start where an earlier agent left features.
     sighted : (J,) int64
