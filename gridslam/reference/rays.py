@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.kernels.primitives.blocks import BOUNCES, HEAD, ONLY, SENDERS, Belief, Links, Query
+from gridslam.kernels.primitives.blocks import HEAD, MOST_BOUNCES, ONLY, SENDERS, Belief, Links, Query
 from gridslam.reference.gaussian import late, of_length, predict
 from gridslam.reference.paths import prepare
 from gridslam.world.geometry import lean, wrap
@@ -47,7 +47,7 @@ def list_paths(
 
     What it drafts by `points` is that of `prepare`, and isn't told.
     """
-    only, bounces, head, senders = query.choice[[ONLY, BOUNCES, HEAD, SENDERS]].tolist()
+    only, bounces, head, senders = query.choice[[ONLY, MOST_BOUNCES, HEAD, SENDERS]].tolist()
     stay, appear, share = query.weight.tolist()
     if points is not None:
         prepare(*belief, head, share, points)

@@ -6,9 +6,10 @@ from gridslam.kernels.management.births import sum_up
 from gridslam.kernels.primitives.blocks import BirthRows, Sketch
 from gridslam.kernels.primitives.functions import cos_of, sin_of
 from gridslam.kernels.primitives.launching import copying
-from gridslam.kernels.primitives.layout import lines_in
+from gridslam.kernels.primitives.layout import line_row, lines_in
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.propagation.bundles import lay_leg, meet_cells, rows_alone
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, RAY_POSSIBLE
+from gridslam.kernels.propagation.bundles import ALONG_X, LoneLeg, lay_leg, meet_cells, rows_alone
 from gridslam.kernels.propagation.paths import draw_path, stand_at
 
 ELSEWHERE = 0.3
@@ -24,14 +25,12 @@ def alone(
     ny = occupied.shape[1] // nx
     meet_cells(drawn, 0, 1, count, frame, nx, occupied, 0, line, place)
     through = line[0, 0, 0] * line[0, 1, 0]
-    start, stop, entry, leave = ti.Vector([0]), ti.Vector([0]), ti.Vector([0]), ti.Vector([0])
-    base, slope = ti.Vector([0.0], dt=ti.f64), ti.Vector([0.0], dt=ti.f64)
+    leg = LoneLeg()
     for corner in range(count + 1):
-        plan = lay_leg(drawn, 0, 1, corner, count, frame, base, slope, start, stop, entry, leave)
-        flat = plan[0] > 0.5
+        flat = lay_leg(drawn, 0, 1, corner, count, frame, leg)[ALONG_X] > 0.5
         columns, rows = (nx if flat else ny), (ny if flat else nx)
-        for c in range(ti.max(start[0], 0), ti.min(stop[0], columns - 1) + 1):
-            lowest, highest = rows_alone(c, base, slope, start, stop, entry, leave)
+        for c in range(ti.max(leg.start[0], 0), ti.min(leg.stop[0], columns - 1) + 1):
+            lowest, highest = rows_alone(c, leg)
             for r in range(ti.max(lowest, 0), ti.min(highest, rows - 1) + 1):
                 cell = r * nx + c if flat else c * nx + r
                 met = False
@@ -63,7 +62,7 @@ def weigh_by_visibility(
     for _ in range(1):
         surfaces = lines_in(head, mean.shape[0])
         stand_at(mean, head, sketch.state)
-        own = 3 + 3 * surfaces
+        own = line_row(surfaces)
         for b in range(births.born[0, 0]):
             last, first, worth = births.born[b + 1, 1], births.born[b + 1, 2], births.proposal[b, 2]
             sketch.state[own, 0], sketch.state[own + 1, 0] = (
@@ -71,15 +70,14 @@ def weigh_by_visibility(
                 sin_of(births.proposal[b, 0]),
             )
             sketch.state[own + 2, 0] = births.proposal[b, 1]
-            sketch.path[0, 0], sketch.path[0, 3] = (1 if last < 0 and first < 0 else 2), births.born[b + 1, 3]
-            sketch.path[0, 1], sketch.path[0, 2] = (
-                (surfaces if last < 0 else last),
-                (surfaces if first < 0 else first),
-            )
+            sketch.path[0, BOUNCES] = 1 if last < 0 and first < 0 else 2
+            sketch.path[0, ANCHOR] = births.born[b + 1, 3]
+            sketch.path[0, LAST] = surfaces if last < 0 else last
+            sketch.path[0, FIRST] = surfaces if first < 0 else first
             draw_path(sketch.state, sketch.path, places, 0, 0, sketch.drawn)
             births.proposal[b, 2] = ELSEWHERE * worth
-            if sketch.drawn[0, 12] > 0.5:
+            if sketch.drawn[0, RAY_POSSIBLE] > 0.5:
                 births.proposal[b, 2] = worth * alone(
-                    sketch.drawn, sketch.path[0, 0], wide, occupied, frame, sketch.line, sketch.place
+                    sketch.drawn, sketch.path[0, BOUNCES], wide, occupied, frame, sketch.line, sketch.place
                 )
         sum_up(births.born, births.proposal, measured)

@@ -20,7 +20,17 @@ from gridslam.kernels.primitives.functions import (
     wrapped,
 )
 from gridslam.kernels.primitives.launching import copying
-from gridslam.kernels.primitives.layout import HEADING, anchor_of, line_entry, rise_of, unknown_row
+from gridslam.kernels.primitives.layout import (
+    ABOVE,
+    FACING,
+    HEADING,
+    LATE,
+    anchor_of,
+    line_entry,
+    line_row,
+    rise_of,
+    unknown_row,
+)
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import (
     AT_1M,
@@ -31,7 +41,7 @@ from gridslam.kernels.primitives.radio import (
     lean_of,
     rician,
 )
-from gridslam.kernels.primitives.tables import EXPLAINED, LABEL, NEW
+from gridslam.kernels.primitives.tables import AMPLITUDE, AOA, AOD, DISTANCE, EXPLAINED, LABEL, NEW, OWN_STD
 from gridslam.kernels.propagation.coefficients import BINS
 
 BLOCK = PATH_BLOCK
@@ -64,9 +74,9 @@ def mean_rician(radio: ti.template(), anchor, distance, amplitude, other):
 @ti.func
 def known_std(radio: ti.template(), anchor, scan: ti.template(), m, amplitude, lean):
     """sigma of distance, AoD and AoA: the table's own, by Fisher information, or 1e9 for "not measured"."""
-    std = deviations_of(radio, anchor, ti.max(amplitude, FAINTEST), scan[m, 1], scan[m, 2], lean)
+    std = deviations_of(radio, anchor, ti.max(amplitude, FAINTEST), scan[m, AOD], scan[m, AOA], lean)
     for q in ti.static(range(3)):
-        own = scan[m, 3 + q]
+        own = scan[m, OWN_STD + q]
         if own > 0:
             std[q] = own
         std[q] = ti.min(std[q], 1e9) if own >= 0 else 1e9
@@ -79,10 +89,10 @@ def line_of(mean: ti.template(), head, length, angle, arrives, place, last, firs
 
     The angle is an AoA if it `arrives`, else an AoD: the same path from its other end.
     """
-    bearing, level, near, far = mean[HEADING] + angle, level_of(length, place[4]), last, first
+    bearing, level, near, far = mean[HEADING] + angle, level_of(length, place[ABOVE]), last, first
     vx, vy, sx, sy = mean[0], mean[1], place[0], place[1]
     if not arrives:
-        bearing, near, far = place[2] + angle, first, last
+        bearing, near, far = place[FACING] + angle, first, last
         vx, vy, sx, sy = place[0], place[1], mean[0], mean[1]
     vx += level * cos_of(bearing)
     vy += level * sin_of(bearing)
@@ -118,7 +128,7 @@ def likely(
     at (end_x, end_y). `near` and `far` are the known surfaces next to these ends, -1 for the new one.
     """
     wx, wy, weight = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
-    s = 3 + 3 * ti.max(near, far)
+    s = line_row(ti.max(near, far))
     if s < 3:
         for i in range(BLOCK):
             x, y, far_x, far_y = ends[0, i], ends[1, i], ends[2, i], ends[3, i]
@@ -198,16 +208,17 @@ def propose(
             births.ratio[m, begin + h] = 0.0
         place = anchor_of(anchors.places, mean, head, anchor)
         clock = unknown_row(anchors.places, head, anchor, state.shape[0])
-        length = scan[m, 0] - place[3]
+        length = scan[m, DISTANCE] - place[LATE]
         common = rate * length
-        arrives = scan[m, 5] >= 0
-        keep = scan[m, 3] >= 0 and (arrives or scan[m, 4] >= 0) and length > ti.abs(place[4])
+        arrives = scan[m, OWN_STD + AOA] >= 0
+        angled = arrives or scan[m, OWN_STD + AOD] >= 0
+        keep = scan[m, OWN_STD] >= 0 and angled and length > ti.abs(place[ABOVE])
         keep = keep and hypotheses > 0 and (scan[m, LABEL] < 0 or scan[m, LABEL] == anchor)
         std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
         if keep:
-            amplitude = scan[m, 6]
+            amplitude = scan[m, AMPLITUDE]
             usual = amplitude if amplitude >= 0 else anchors.radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
-            std = known_std(anchors.radio, anchor, scan, m, usual, lean_of(length, place[4]))
+            std = known_std(anchors.radio, anchor, scan, m, usual, lean_of(length, place[ABOVE]))
             clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, amplitude)
             # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor
             worth = least * (ti.min(std[1], WIDEST) if arrives else WIDEST) * ROOT_TURN
@@ -221,12 +232,12 @@ def propose(
                     )
                     most = ti.max(level[0], level[1])
                 keep = common * most > worth
-        reach, reach_std = ti.cast(scan[m, 0], ti.f32), ti.cast(std[0], ti.f32)
-        angle, angle_std = ti.cast(scan[m, 2], ti.f32), ti.cast(std[2], ti.f32)
-        other, other_std = ti.cast(scan[m, 1] + place[2], ti.f32), ti.cast(std[1], ti.f32)
+        reach, reach_std = ti.cast(scan[m, DISTANCE], ti.f32), ti.cast(std[0], ti.f32)
+        angle, angle_std = ti.cast(scan[m, AOA], ti.f32), ti.cast(std[2], ti.f32)
+        other, other_std = ti.cast(scan[m, AOD] + place[FACING], ti.f32), ti.cast(std[1], ti.f32)
         if not arrives:
             angle, angle_std, other_std = other, other_std, ti.cast(std[2], ti.f32)
-        ax, ay, height = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32), ti.cast(place[4], ti.f32)
+        ax, ay, height = ti.cast(place[0], ti.f32), ti.cast(place[1], ti.f32), ti.cast(place[ABOVE], ti.f32)
         for block in range(blocks if keep else 0):
             at, there, late = block * BLOCK, ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
             end_x, end_y = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
@@ -270,8 +281,8 @@ def propose(
                         known[h, 1],
                         anchor_of(anchors.places, mean, head, anchor),
                     )
-                    length, arrives = scan[m, 0] - place[3], scan[m, 5] >= 0
-                    seen = scan[m, 2] if arrives else scan[m, 1]
+                    length, arrives = scan[m, DISTANCE] - place[LATE], scan[m, OWN_STD + AOA] >= 0
+                    seen = scan[m, AOA] if arrives else scan[m, AOD]
                     angle, offset = line_of(mean, head, length, seen, arrives, place, last, first)
                     births.proposal[count, 0], births.proposal[count, 1], births.proposal[count, 2] = (
                         angle,

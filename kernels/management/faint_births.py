@@ -17,7 +17,7 @@ from gridslam.kernels.primitives.functions import (
 )
 from gridslam.kernels.primitives.gaussian import path_of
 from gridslam.kernels.primitives.launching import copying
-from gridslam.kernels.primitives.layout import HEADING, HEIGHT
+from gridslam.kernels.primitives.layout import ABOVE, HEADING, HEIGHT
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import (
     AT_1M,
@@ -28,6 +28,7 @@ from gridslam.kernels.primitives.radio import (
     lean_of,
     log_rician,
 )
+from gridslam.kernels.primitives.tables import AMPLITUDE, AOA, AOD, DISTANCE
 from gridslam.kernels.propagation.coefficients import BINS
 
 NEAR_M, NEAR_RAD = 0.6, 0.6
@@ -87,7 +88,8 @@ def corrected(
     m, place = born.measurement[b], place_of(anchors.places, anchor)
     line = ti.Vector([born.line[b, 0], born.line[b, 1]], dt=ti.f64)
     value, slope = bounce_of(line, place, belief.mean[0], belief.mean[1], belief.mean[HEADING])
-    std = known_std(anchors.radio, anchor, scan, m, scan[m, 6], lean_of(scan[m, 0], place[4]))
+    lean = lean_of(scan[m, DISTANCE], place[ABOVE])
+    std = known_std(anchors.radio, anchor, scan, m, scan[m, AMPLITUDE], lean)
     entry = ti.Vector([0, 1, HEADING])
     spread, by_line = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 2)
     for i in ti.static(range(3)):
@@ -102,7 +104,7 @@ def corrected(
     information[0, 0] += 1e-9
     information[1, 1] += 1e-9
     covariance = information.inverse()
-    gap = missed_by(ti.Vector([scan[m, 0], scan[m, 1], scan[m, 2]], dt=ti.f64), value)
+    gap = missed_by(ti.Vector([scan[m, DISTANCE], scan[m, AOD], scan[m, AOA]], dt=ti.f64), value)
     return line + covariance @ (weighed.transpose() @ gap), covariance
 
 
@@ -144,7 +146,7 @@ def length_of(wall, place, x, y):
     here = wall[0] * x + wall[1] * y - wall[2]
     there = wall[0] * place[0] + wall[1] * place[1] - wall[2]
     ix, iy = mirrored(place[0], place[1], wall[0], wall[1], wall[2])
-    length = slant_of((ix - x) ** 2 + (iy - y) ** 2, place[4])
+    length = slant_of((ix - x) ** 2 + (iy - y) ** 2, place[ABOVE])
     return ti.select(here * there > 0, length, -length)
 
 

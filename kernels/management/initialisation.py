@@ -20,7 +20,11 @@ from gridslam.kernels.primitives.functions import (
 from gridslam.kernels.primitives.gaussian import entry_of, mirror_of, path_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import (
+    ABOVE,
+    FACING,
     HEADING,
+    LATE,
+    OPEN_HEIGHT,
     anchor_of,
     line_entry,
     lines_in,
@@ -29,6 +33,7 @@ from gridslam.kernels.primitives.layout import (
 )
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, lean_of, log_rician
+from gridslam.kernels.primitives.tables import AMPLITUDE, AOA, AOD, DISTANCE, OWN_STD
 from gridslam.kernels.propagation.coefficients import BINS
 
 REACH, TRIALS = 4.0, 41
@@ -65,8 +70,8 @@ def misfit_of(
         _tx, _ty, wx, wy, good = double_bounce(
             px, py, place[0], place[1], nx, ny, c, known[0], known[1], known[2]
         )
-    by_arrival = wrapped(arrival - scan[m, 2]) / wide
-    by_departure = wrapped(scan[m, 1] + place[2] - bearing_of(wx, wy)) / std[1]
+    by_arrival = wrapped(arrival - scan[m, AOA]) / wide
+    by_departure = wrapped(scan[m, AOD] + place[FACING] - bearing_of(wx, wy)) / std[1]
     return by_arrival**2 + by_departure**2 + IMPOSSIBLE * (1 - good)
 
 
@@ -98,7 +103,7 @@ def line_at(angle, arrives, mean: ti.template(), place, known, last, first, leve
     if arrives:
         moved[0, 0], moved[1, 1] = 1.0, 1.0
     else:
-        bearing, near, far, image, source = place[2] + angle, first, last, source, image
+        bearing, near, far, image, source = place[FACING] + angle, first, last, source, image
         left[0, 0], left[1, 1] = 1.0, 1.0
     u = ti.Vector([cos_of(bearing), sin_of(bearing)], dt=ti.f64)
     across = ti.Vector([-u[1], u[0]], dt=ti.f64)
@@ -154,7 +159,7 @@ def unexplained(
 ):  # fmt: skip
     """By how many deviations a line misses distance or angle q that it's made of: what linearising cost."""
     value, _slope = path_of(mean, head, place, bounces, last, first)
-    by_distance = ti.abs(scan[m, 0] - value[0]) / std[0]
+    by_distance = ti.abs(scan[m, DISTANCE] - value[0]) / std[0]
     return ti.max(by_distance, ti.abs(wrapped(scan[m, q] - value[q])) / std[q])
 
 
@@ -162,7 +167,7 @@ def unexplained(
 def share_unknown(joint: ti.template(), covariance: ti.template(), slope, unknown, place, length):
     """Correlate the new line with all else by what is unknown of its anchor, which shortens its path."""
     size = covariance.shape[0]
-    if place[5] > 0.5:
+    if place[OPEN_HEIGHT] > 0.5:
         steepness = steepness_of(place, length)
         for i in range(size):
             for r in ti.static(range(2)):
@@ -208,14 +213,15 @@ def initialise_surface(
                 sin_of(belief.mean[known]),
                 belief.mean[known + 1],
             )
-        distance, amplitude = scan[m, 0] - place[3], scan[m, 6]  # a length, whatever clocks made of it
+        distance = scan[m, DISTANCE] - place[LATE]  # a length, whatever clocks made of it
+        amplitude = scan[m, AMPLITUDE]
         at_1m = anchors.radio[anchor, AT_1M] / ti.max(distance, 1e-3)
         strength = ti.max(amplitude if amplitude >= 0 else 0.5 * at_1m, FAINTEST)
-        lean, level = lean_of(distance, place[4]), level_of(distance, place[4])
+        lean, level = lean_of(distance, place[ABOVE]), level_of(distance, place[ABOVE])
         std = known_std(anchors.radio, anchor, scan, m, strength, lean)
         # where to linearise
-        arrives, angle, angle_std = scan[m, 5] >= 0, scan[m, 2], std[2]
-        departs = arrives and scan[m, 4] >= 0 and std[1] < IGNORED
+        arrives, angle, angle_std = scan[m, OWN_STD + AOA] >= 0, scan[m, AOA], std[2]
+        departs = arrives and scan[m, OWN_STD + AOD] >= 0 and std[1] < IGNORED
         wide = ti.sqrt(std[2] * std[2] + belief.covariance[HEADING, HEADING])
         for stage in range(2 if departs else 0):
             reach = wide * (REACH if stage == 0 else 2 * REACH / TRIALS)
@@ -226,9 +232,9 @@ def initialise_surface(
                 if misfit < least:
                     best, least = trial, misfit
             angle = best
-        off = wrapped(scan[m, 2] - angle)
+        off = wrapped(scan[m, AOA] - angle)
         if not arrives:
-            angle, angle_std, off = scan[m, 1], std[1], 0.0
+            angle, angle_std, off = scan[m, AOD], std[1], 0.0
         normal, offset, slope = line_at(
             angle, arrives, belief.mean, place, known, last, first, level, lean
         )  # fmt: skip
@@ -257,7 +263,7 @@ def initialise_surface(
                 for q in ti.static(range(2)):
                     so_far = out.joint[size + r, size + q]
                     own = out.joint[size + ti.max(r, q), unknown] * slope[ti.min(r, q), 3]
-                    if place[5] > 0.5:
+                    if place[OPEN_HEIGHT] > 0.5:
                         out.joint[size + r, size + q] = so_far - steepness_of(place, distance) * own
                     else:
                         out.joint[size + r, size + q] = so_far - own
@@ -269,7 +275,7 @@ def initialise_surface(
                 out.joint,
                 head,
                 out.spread,
-                scan[m, 1],
+                scan[m, AOD],
                 std[1],
                 place,
                 bounces,

@@ -6,8 +6,9 @@ from gridslam.kernels.primitives.blocks import Belief, Description, Links, Surfa
 from gridslam.kernels.primitives.functions import cos_of, sin_of
 from gridslam.kernels.primitives.gaussian import path_of
 from gridslam.kernels.primitives.launching import copying
-from gridslam.kernels.primitives.layout import anchor_of, line_entry
+from gridslam.kernels.primitives.layout import LATE, anchor_of, line_entry
 from gridslam.kernels.primitives.packing import pack
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, RAY_POSSIBLE
 from gridslam.kernels.propagation.coefficients import BINS
 from gridslam.kernels.propagation.paths import draw_path, stand_at
 from gridslam.kernels.propagation.rays import enter_path, listed
@@ -62,7 +63,7 @@ def tell_path(
     quantity: ti.template(),
 ):  # fmt: skip
     """Write one path's row: by which surfaces, and its parameters; `drawn` has its corners."""
-    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    bounces, last, first, anchor = path[row, BOUNCES], path[row, LAST], path[row, FIRST], path[row, ANCHOR]
     place = anchor_of(places, mean, head, anchor)
     value, _slope = path_of(mean, head, place, bounces, last, first)
     coefficient = ti.f64(1.0)
@@ -72,7 +73,7 @@ def tell_path(
         coefficient = table[last, 12] * (table[first, 12] if bounces == 2 else 1.0)
     for i in ti.static(range(3)):
         quantity[row, i] = value[i]
-    quantity[row, 3], quantity[row, 4] = at_1m / ti.max(value[0] - place[3], 1e-3) * coefficient, existence
+    quantity[row, 3], quantity[row, 4] = at_1m / ti.max(value[0] - place[LATE], 1e-3) * coefficient, existence
     for n in ti.static(range(8)):
         quantity[row, 5 + n] = drawn[row, n]
         if ti.static(2 <= n < 6) and bounces < (1 if ti.static(n < 4) else 2):
@@ -108,7 +109,7 @@ def describe(
                         if there and chance * together > BELIEVED:
                             enter_path(out.path, n, kind, s, r, anchor)
                             draw_path(out.state, out.path, places, n, 0, out.drawn)
-                            if out.drawn[n, 12] > 0.5:
+                            if out.drawn[n, RAY_POSSIBLE] > 0.5:
                                 tell_path(
                                     n, chance * together, belief.mean, head, out.path, places,
                                     surfaces.identity, at_1m, out.table, out.drawn, out.number, out.quantity,

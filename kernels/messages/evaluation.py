@@ -16,7 +16,7 @@ from gridslam.kernels.primitives.layout import HEIGHT
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import BLOCK, draw_block
 from gridslam.kernels.primitives.radio import SENDER, SPAN, deviations_of, lean_of
-from gridslam.kernels.primitives.tables import ANCHOR, LABEL, LENGTH, QUIET
+from gridslam.kernels.primitives.tables import ANCHOR, AS_CLUTTER, DISTANCE, LABEL, LENGTH, OWN_STD, QUIET
 from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, prior_existence, weigh
 from gridslam.kernels.propagation.paths import densities
 
@@ -40,7 +40,7 @@ def gate(
     """
     known = 0
     for m in range(scan.shape[0]):
-        ratios.measured[QUIET, m] = scan[m, 8]
+        ratios.measured[QUIET, m] = scan[m, AS_CLUTTER]
     pairs.start[0] = 0
     for row in range(rows.predicted.shape[0]):
         anchor = rows.path[row, ANCHOR]
@@ -56,7 +56,7 @@ def gate(
                 near, absent = True, ti.f64(1.0)
                 variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
                 for q in ti.static(range(3)):
-                    given, gap = scan[m, 3 + q], ti.f64(0.0)
+                    given, gap = scan[m, OWN_STD + q], ti.f64(0.0)
                     if given > 0:
                         std[q] = given
                     if given >= 0:
@@ -93,8 +93,8 @@ def gate(
                     scratch.table[known, 6] = ti.cast(inverse[0, 1], ti.f32)
                     scratch.table[known, 7] = ti.cast(inverse[0, 2], ti.f32)
                     scratch.table[known, 8] = ti.cast(inverse[1, 2], ti.f32)
-                    scratch.table[known, 9] = ti.cast(ti.max(scan[m, 0] - reach, -1e5), ti.f32)
-                    scratch.table[known, 10] = ti.cast(scan[m, 0] + reach, ti.f32)
+                    scratch.table[known, 9] = ti.cast(ti.max(scan[m, DISTANCE] - reach, -1e5), ti.f32)
+                    scratch.table[known, 10] = ti.cast(scan[m, DISTANCE] + reach, ti.f32)
                     known += 1
         pairs.start[row + 1] = known
 

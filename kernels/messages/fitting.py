@@ -5,7 +5,7 @@ import taichi as ti
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.corrections import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, THRESHOLD
-from gridslam.kernels.primitives.tables import ANCHOR, LABEL, RESPONSIBLE
+from gridslam.kernels.primitives.tables import AMPLITUDE, ANCHOR, BOUNCES, LABEL, LOUD, RESPONSIBLE
 from gridslam.kernels.propagation.amplitudes import length_given
 
 SURE = 0.9
@@ -37,7 +37,7 @@ def fit(
     """
     paths, count = rows.path.shape[0], pairs.blocks.shape[1]
     for m in range(scan.shape[0]):
-        if scan[m, 7] > 0.5:
+        if scan[m, LOUD] > 0.5:
             total, add = ti.f64(0.0), ti.Vector.zero(ti.f64, 8)
             for row in range(paths):
                 total += message[RESPONSIBLE, row, m]
@@ -57,11 +57,11 @@ def fit(
             add[0] = ti.min(gap.dot(inverse @ gap), WORST)
             for i in range(3):
                 add[1] += 1.0 if pairs.pair[k, 3 + i] < MEASURED else 0.0
-            if rows.path[row, 0] == 0:
+            if rows.path[row, BOUNCES] == 0:
                 if pairs.pair[k, 4] < MEASURED:
                     add[6] = (account.turned[anchor] - gap[1]) / noisy[1, 1]
                     add[7] = 1 / noisy[1, 1]
-                amplitude = scan[m, 6]
+                amplitude = scan[m, AMPLITUDE]
                 if pairs.pair[k, 3] < MEASURED and amplitude >= 0:
                     length, unsure = length_given(rows, row, pairs.pair[k, 0], pairs.pair[k, 3])
                     level = radio[anchor, AT_1M] / length

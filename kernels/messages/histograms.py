@@ -5,6 +5,7 @@ import taichi as ti
 from gridslam.kernels.primitives.functions import decay_of, logarithm_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.radio import log_rician
+from gridslam.kernels.primitives.tables import AMPLITUDE
 
 NODES, GAP, STAY, RISE, FALL, SILENT = 0, 1, 2, 3, 4, 5
 """Rows of a table over the nodes: amplitudes; shares of a flat density; probability that a walking amplitude
@@ -115,7 +116,7 @@ def listen(
             for row in range(paths):
                 mass += responsible[row, m]
             if mass > CLAIMED:
-                audible = ti.min(scan[m, 6], table[NODES, last])
+                audible = ti.min(scan[m, AMPLITUDE], table[NODES, last])
                 for n in range(last + 1):
                     density[m, n] = log_rician(audible, table[NODES, n], samples) if audible > 0 else 0.0
                     most = ti.max(most, density[m, n])

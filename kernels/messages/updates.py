@@ -24,9 +24,13 @@ from gridslam.kernels.primitives.functions import decay_of, logarithm_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.tables import (
+    ANCHOR,
+    BOUNCES,
     CHANCE,
     DETECTED,
     EXISTENCE,
+    FIRST,
+    LAST,
     NU,
     POSSIBLE,
     RATIO,
@@ -60,7 +64,8 @@ def exist(
     for s in range(surface.shape[0]):
         log[s, 0] = 0.0
     for row in range(path.shape[0]):
-        bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+        bounces, anchor = path[row, BOUNCES], path[row, ANCHOR]
+        last, first = path[row, LAST], path[row, FIRST]
         likelihood = 1 - odds[DETECTED, row]
         for m in range(message.shape[2]):
             likelihood += message[NU, row, m] * message[RATIO, row, m]

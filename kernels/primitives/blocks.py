@@ -24,7 +24,7 @@ KeptWholeCube: TypeAlias = Annotated[Any, "i32", 3]
 Single: TypeAlias = Annotated[Any, "f32", 2]
 Bytes: TypeAlias = Annotated[Any, "u8", 2]
 
-ONLY, BOUNCES, HEAD, OFFSET, ROOTED, SENDERS = range(6)
+ONLY, MOST_BOUNCES, HEAD, OFFSET, ROOTED, SENDERS = range(6)
 """Places of `Query.choice`: the anchor, -1 for all, one after the other, or `ALREADY_LISTED`; bounces at
 most, single ones are always listed; entry of the mean where the lines begin, see `primitives.layout`; first
 of the points that samples are drawn by, after the last comes the first; `TAKE_ROOT`, `ROOT_GIVEN` or

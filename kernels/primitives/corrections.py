@@ -17,9 +17,13 @@ from gridslam.kernels.primitives.gaussian import (
     spread_by_rise,
     spread_of,
 )
-from gridslam.kernels.primitives.layout import HEADING, anchor_of, steepness_of, unknown_entry
+from gridslam.kernels.primitives.layout import HEADING, LATE, anchor_of, steepness_of, unknown_entry
 from gridslam.kernels.primitives.tables import (
+    ANCHOR,
     BETA,
+    BOUNCES,
+    FIRST,
+    LAST,
     MISSED,
     NU,
     ORDER,
@@ -91,11 +95,11 @@ def correct_by(
     What surer paths have taken of a measurement it can't have caused: the rest counts as caused none.
     """
     size = belief.mean.shape[0]
-    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    bounces, last, first, anchor = path[row, BOUNCES], path[row, LAST], path[row, FIRST], path[row, ANCHOR]
     place = anchor_of(places, belief.mean, head, anchor)
     value, slope = path_of(belief.mean, head, place, bounces, last, first)
     entry, unknown = entry_of(head, bounces, last, first), unknown_entry(places, head, anchor)
-    steepness = steepness_of(place, value[0] - place[3])
+    steepness = steepness_of(place, value[0] - place[LATE])
     core = spread_of(slope, entry, belief.covariance)
     if ti.static(open == CLOCKS_OPEN):
         core += spread_by_clocks(slope, entry, unknown, belief.covariance)
@@ -103,7 +107,7 @@ def correct_by(
         if unknown >= 0:
             core += spread_by_rise(slope, entry, unknown, steepness, belief.covariance)
     if bounces == 0:
-        bent, bend = bend_of(slope, value[0] - place[3], belief.covariance)
+        bent, bend = bend_of(slope, value[0] - place[LATE], belief.covariance)
         value += bent
         core += bend
     if bounces == 1:
@@ -112,7 +116,7 @@ def correct_by(
             for j in ti.static(range(4)):
                 block[i, j] = belief.covariance[entry[OF_BOUNCE[i]], entry[OF_BOUNCE[j]]]
         angle, offset = belief.mean[entry[3]], belief.mean[entry[4]]
-        bent, bend = bend_of_bounce(slope, value[0] - place[3], place, angle, offset, block)
+        bent, bend = bend_of_bounce(slope, value[0] - place[LATE], place, angle, offset, block)
         value += bent
         core += bend
     total = ratios.odds[MISSED, row]

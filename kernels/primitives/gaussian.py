@@ -7,8 +7,18 @@ difference of two clocks or a rise, which lengthens its distance and nothing els
 import taichi as ti
 
 from gridslam.kernels.primitives.functions import PI, bearing_of, cos_of, dot, sin_of, slant_of, wrapped
-from gridslam.kernels.primitives.layout import HEADING, anchor_of, line_entry, steepness_of, unknown_entry
-from gridslam.kernels.primitives.tables import LEARNT, LENGTH, UNCLEAR
+from gridslam.kernels.primitives.layout import (
+    ABOVE,
+    FACING,
+    HEADING,
+    LATE,
+    OPEN_HEIGHT,
+    anchor_of,
+    line_entry,
+    steepness_of,
+    unknown_entry,
+)
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, LEARNT, LENGTH, UNCLEAR
 
 UNDIRECTED = 1e-9
 """1/m: less than one over any length."""
@@ -55,7 +65,7 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
             turn_last = ti.f64(2.0)
     toward = ti.Vector([image[0] - mean[0], image[1] - mean[1]], dt=ti.f64)
     distance = ti.max(ti.sqrt(dot(toward, toward)), 1e-9)
-    length = slant_of(distance * distance, place[4])
+    length = slant_of(distance * distance, place[ABOVE])
     lean = distance / length  # slope of the one by the other
     toward /= distance
     across = ti.Vector([-toward[1], toward[0]], dt=ti.f64) / distance
@@ -68,7 +78,8 @@ def path_of(mean: ti.template(), head, place, bounces, last, first):
     if bounces == 2:
         departure += turn_first * mean[by_first_line]
     value = ti.Vector(
-        [length + place[3], wrapped(departure - place[2]), wrapped(arrival - mean[HEADING])], dt=ti.f64
+        [length + place[LATE], wrapped(departure - place[FACING]), wrapped(arrival - mean[HEADING])],
+        dt=ti.f64,
     )
     slope = ti.Matrix.zero(ti.f64, 3, 7)
     slope[0, 0], slope[0, 1] = -lean * toward[0], -lean * toward[1]
@@ -135,7 +146,7 @@ def spread_by_rise(slope, entry, rise, steepness, covariance: ti.template()):
 def spread_by_unknown(slope, entry, unknown, place, length, covariance: ti.template()):
     """The one or the other, by the anchor's place and the path's length."""
     total = ti.Matrix.zero(ti.f64, 3, 3)
-    if place[5] > 0.5:
+    if place[OPEN_HEIGHT] > 0.5:
         total = spread_by_rise(slope, entry, unknown, steepness_of(place, length), covariance)
     else:
         total = spread_by_clocks(slope, entry, unknown, covariance)
@@ -220,24 +231,24 @@ def predict_by(
     out: ti.template(),
 ):  # fmt: skip
     """Predict one path, docs/model.md, (M21), and how well its length is known, (M541)."""
-    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    bounces, last, first, anchor = path[row, BOUNCES], path[row, LAST], path[row, FIRST], path[row, ANCHOR]
     place = anchor_of(places, mean, head, anchor)
     value, slope = path_of(mean, head, place, bounces, last, first)
     entry = entry_of(head, bounces, last, first)
     spread, unknown = spread_of(slope, entry, covariance), unknown_entry(places, head, anchor)
-    out[row, LENGTH] = value[0] - place[3]
+    out[row, LENGTH] = value[0] - place[LATE]
     for i in ti.static(range(3)):
         out[row, i] = value[i]
         for j in ti.static(range(3)):
             out[row, 3 + 3 * i + j] = spread[i, j]
     out[row, UNCLEAR] = out[row, LEARNT] = spread[0, 0]
     if unknown >= 0:
-        more = spread_by_unknown(slope, entry, unknown, place, value[0] - place[3], covariance)
+        more = spread_by_unknown(slope, entry, unknown, place, value[0] - place[LATE], covariance)
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
                 total = out[row, 3 + 3 * i + j] + more[i, j]
                 out[row, 3 + 3 * i + j] = total
-        if place[5] > 0.5:  # a rise lengthens the path itself
+        if place[OPEN_HEIGHT] > 0.5:  # a rise lengthens the path itself
             out[row, UNCLEAR] = out[row, LEARNT] = spread[0, 0] + more[0, 0]
         else:
             out[row, LEARNT] = spread[0, 0] + 0.5 * (more[0, 0] - covariance[unknown, unknown])

@@ -16,6 +16,9 @@ HEADING, CLOCKS = 4, 5
 HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
 """Columns of `Anchors.places` and of nothing else: height above the agent as believed, and as told; which
 rise makes it another."""
+FACING, LATE, ABOVE, OPEN_HEIGHT = 2, 3, 4, 5
+"""Entries of an anchor's place after x and y, see `anchor_of`: orientation, rad; by how much its clock
+lengthens distances, m; how high it stands above the agent, m; whether that is unknown."""
 KNOWN, FIXED = -1, -2
 """Stand for what is known: an anchor's clock or height; its height where others have rises."""
 
@@ -24,6 +27,12 @@ KNOWN, FIXED = -1, -2
 def line_entry(head, s):
     """Entry of a line's angle; its offset comes after it."""
     return head + 2 * s
+
+
+@ti.func
+def line_row(s):
+    """First of a line's three rows of particles: normal x, y and offset."""
+    return 3 + 3 * s
 
 
 @ti.func
@@ -56,8 +65,8 @@ def unknown_row(places: ti.template(), head, anchor, rows):
 
 @ti.func
 def anchor_of(places: ti.template(), mean: ti.template(), head, anchor):
-    """Position and orientation of an anchor, by how much its clock lengthens distances (0 if known), how
-    high it stands above the agent, and whether that is unknown."""
+    """Where an anchor stands and faces, by how much its clock lengthens distances (0 if known), how high it
+    stands above the agent, and whether that is unknown: see `FACING`."""
     unknown, rises = unknown_entry(places, head, anchor), rise_of(places, anchor) >= 0
     late, height, open = ti.f64(0.0), places[anchor, HEIGHT], ti.f64(0.0)
     if unknown >= 0:
@@ -71,4 +80,4 @@ def anchor_of(places: ti.template(), mean: ti.template(), head, anchor):
 @ti.func
 def steepness_of(place, length):
     """Slope of an anchor's distances by its rise; `place` is that of `anchor_of`."""
-    return place[4] / ti.max(length, 1e-9)
+    return place[ABOVE] / ti.max(length, 1e-9)

@@ -12,12 +12,15 @@ from gridslam.kernels.primitives.radio import (
     rician_about,
 )
 from gridslam.kernels.primitives.tables import (
+    AMPLITUDE,
     ANCHOR,
     DETECTED,
+    DISTANCE,
     EXISTENCE,
     LEARNT,
     LENGTH,
     OPEN,
+    OWN_STD,
     SURFACES,
     UNCLEAR,
 )
@@ -78,15 +81,15 @@ def weigh(
         if known < 0 or not clear or (known != anchor and spreading > 0.5):
             known, samples = (anchor if clear else -1), radio[anchor, SAMPLES]
             for m in range(scan.shape[0]):
-                if scan[m, 3] >= 0 and scan[m, 6] >= 0:
+                if scan[m, OWN_STD] >= 0 and scan[m, AMPLITUDE] >= 0:
                     per_metre, unsure = one, 0 * one
                     if spreading > 0.5:
-                        variance = ranging_variance(radio, anchor, scan[m, 3], scan[m, 6])
-                        length, unsure = length_given(rows, row, scan[m, 0], variance)
+                        variance = ranging_variance(radio, anchor, scan[m, OWN_STD], scan[m, AMPLITUDE])
+                        length, unsure = length_given(rows, row, scan[m, DISTANCE], variance)
                         per_metre = 1 / length
                     for n in range(count):
                         level = amplitudes.nodes[n] * per_metre
-                        density = rician_about(scan[m, 6], level, samples, unsure)
+                        density = rician_about(scan[m, AMPLITUDE], level, samples, unsure)
                         scratch.density[0, m, n], scratch.density[1, m, n] = density, density * level
         per_metre = 1 / ti.max(rows.predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
         usual, seen, both = 0 * one, 0 * one, 0 * one
@@ -102,9 +105,9 @@ def weigh(
         for m in range(scan.shape[0]):
             total, mean = 0 * one, 0 * one
             if prior_existence(odds, row) > NEGLIGIBLE:
-                if scan[m, 6] < 0:
+                if scan[m, AMPLITUDE] < 0:
                     total, mean = seen, both
-                elif scan[m, 3] >= 0:
+                elif scan[m, OWN_STD] >= 0:
                     for n in range(count):
                         total += amplitudes.probability[row, n] * scratch.density[0, m, n]
                         mean += amplitudes.probability[row, n] * scratch.density[1, m, n]
@@ -112,7 +115,7 @@ def weigh(
                     for n in range(count):
                         level = amplitudes.nodes[n] * per_metre
                         density = amplitudes.probability[row, n] * rician(
-                            scan[m, 6], level, radio[anchor, SAMPLES]
+                            scan[m, AMPLITUDE], level, radio[anchor, SAMPLES]
                         )
                         total += density
                         mean += density * level
@@ -122,7 +125,7 @@ def weigh(
         clutter = ti.f64(1.0)
         if amplitudes.probability.shape[0] > 0:
             first = rows.path[0, ANCHOR]
-            clutter = radio[first, FALSE_ALARMS] * clutter_of(radio, first, scan[m, 6])
+            clutter = radio[first, FALSE_ALARMS] * clutter_of(radio, first, scan[m, AMPLITUDE])
         for row in range(amplitudes.probability.shape[0]):
             before = scratch.strength[0, row, m]
             scratch.strength[0, row, m] = before / clutter

@@ -16,23 +16,33 @@ from gridslam.kernels.primitives.device import ON_CPU, SPREAD
 from gridslam.kernels.primitives.functions import log_of
 from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.packing import pack
+from gridslam.kernels.primitives.tables import BOUNCES, CLIP, LEAST, RAY_POSSIBLE, VALIDITY
 from gridslam.kernels.propagation.bundles import (
-    FAR,
+    ALONG_X,
+    BEGIN,
+    END,
     LANES,
     OWN,
+    Front,
+    Leg,
+    advance,
     cross_row,
     lay_leg,
+    leave_together,
     mark,
     meet_cells,
     rows_alone,
+    set_pace,
     spare,
     split,
-    step_of,
 )
 from gridslam.kernels.propagation.coefficients import coefficient_product
 from gridslam.kernels.propagation.occupancy import CELL_BITS
 from gridslam.kernels.propagation.paths import draw_path
 from gridslam.kernels.propagation.rays import list_and_predict
+
+TOTAL, OPEN_TO = 0, 1
+"""Sums over the rays of a path: of ``V A + 1 - V``, and of V with chances to reflect as in eq. (1)."""
 
 
 @ti.func
@@ -60,7 +70,12 @@ def lifted(slab, cell, low, high, sums: ti.template(), touched: ti.template(), c
 
 @ti.func
 def ratio_of(total, a, occupied, through, low, high):
-    """Log ratio of a path's message to a cell, eqs. (43)-(45), by its rays' sum and the cell's own three."""
+    """Log ratio of a path's message to a cell, eqs. (43)-(45).
+
+    `total` is the sum over the path's rays of ``V A + 1 - V``, `through` that of V over those that cross the
+    cell, `low` and `high` are the lifts of those that meet it, if it is free and if it is occupied, and
+    `occupied` is how likely that was.
+    """
     lift, free = (a - 1) * through, 1 - occupied
     # both times 1 - o, since divisions take long
     if_free = ti.max((total + low) * free + lift * occupied, 1e-12)
@@ -96,6 +111,175 @@ def settle(
         news[slab, cell >> CELL_BITS] = ti.cast(1, ti.u8)
 
 
+@ti.func
+def draw_rays(
+    row, rays, places: ti.template(), draft: ti.template(), listed: ti.template(), drawn: ti.template(),
+    middle: ti.template(),
+):  # fmt: skip
+    """Draw the rays of a path, and add up the mean of their first and second corners; return at how many of
+    their states the path is possible."""
+    possible = 0
+    for ray in range(rays):
+        draw_path(draft.state, listed.path, places, row, ray, drawn)
+        drawn[row * rays + ray, VALIDITY] = 0.0
+        possible += ti.cast(drawn[row * rays + ray, RAY_POSSIBLE], ti.i32)
+        for n in ti.static(range(4)):
+            middle[n] += drawn[row * rays + ray, 2 + n] / rays
+    return possible
+
+
+@ti.func
+def cross_leg(
+    walk, plan, passed, slab, leg: ti.template(), front: ti.template(), grid: ti.template(),
+    slabs: ti.template(), through: ti.template(), common: ti.template(), known: ti.template(),
+):  # fmt: skip
+    """Take a bundle along one leg through the cells T that it crosses, column by column.
+
+    On the first walk ``1 - o`` of every cell goes into V: into `common` where all rays cross it, else into
+    `through` of those that do. On the second, V is added to the cells.
+    """
+    ny, nx = grid.where.shape[0], grid.where.shape[1]
+    flat = plan[ALONG_X] > 0.5
+    columns, rows = (nx if flat else ny), (ny if flat else nx)
+    along, across = (1 if flat else nx), (nx if flat else 1)
+    begin, end = ti.max(ti.cast(plan[BEGIN], ti.i32), 0), ti.min(ti.cast(plan[END], ti.i32), columns - 1)
+    set_pace(leg, front)
+    apart, same, was = False, False, 0
+    for c in range(begin, end + 1):
+        will, one = leave_together(plan, c)
+        lowest, highest = ti.max(ti.min(was, will), 0), ti.min(ti.max(was, will), rows - 1)
+        together = same and one and highest - lowest < 2
+        if together and lowest <= highest:  # a cell that a ray meets is looked at
+            cell, beyond = c * along + lowest * across, c * along + highest * across
+            together = slabs.met[slab, cell] == 0 and slabs.met[slab, beyond] == 0
+        if ti.static(LANES == 1):
+            together = True
+            lowest, highest = rows_alone(c, leg)
+            lowest, highest = ti.max(lowest, 0), ti.min(highest, rows - 1)
+        if together:
+            for r in range(lowest, highest + 1):
+                cell, spared = c * along + r * across, False
+                if ti.static(LANES == 1):
+                    spared = slabs.met[slab, cell] != 0
+                if not spared:
+                    if walk == 0:
+                        common *= 1 - ti.cast(grid.occupied[0, cell], ti.f64)
+                    else:
+                        known = crossed(slab, cell, passed, slabs.sums, slabs.touched, known)
+        else:
+            if not apart:
+                split(leg.base, leg.slope, c, front.row, front.part)
+            bottom, top = advance(c, leg, front)
+            for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
+                cell, add = c * along + r * across, 0.0
+                free = 1 - grid.occupied[0, cell]
+                if slabs.met[slab, cell] == 0:
+                    add = cross_row(walk, r, front.low, front.high, free, through)
+                else:  # rays that meet a cell don't traverse it
+                    spare(slabs.place, slab, cell, front.low, front.since)
+                    add = cross_row(walk, r, front.since, front.high, free, through)
+                if walk == 1:
+                    known = crossed(slab, cell, add, slabs.sums, slabs.touched, known)
+        apart, same, was = not together, one, will
+
+
+@ti.func
+def open_rays(
+    first, live, a, common, slab, drawn: ti.template(), line: ti.template(), through: ti.template(),
+    sums: ti.template(),
+):  # fmt: skip
+    """Write V of a bundle's rays, eqs. (1) and (14), and add to `sums` over all rays of the path.
+
+    `through` is what comes through the cells they don't share; afterwards, V as in messages, whose sum is
+    returned.
+    """
+    passed = ti.f32(0.0)
+    for i in range(live):
+        v = ti.f64(0.0)
+        if drawn[first + i, RAY_POSSIBLE] > 0.5:
+            v = through[i] * common
+            drawn[first + i, VALIDITY] = v * line[slab, 0, i] * line[slab, 1, i]
+            sums[OPEN_TO] += drawn[first + i, VALIDITY]
+            v *= line[slab, OWN, i] * line[slab, OWN + 1, i]
+        sums[TOTAL] += v * a + 1 - v
+        through[i] = ti.cast(v, ti.f32)
+        passed += through[i]
+    return passed
+
+
+@ti.func
+def lift_met(
+    live, count, a, slab, through: ti.template(), grid: ti.template(), slabs: ti.template(),
+    hits: ti.template(),
+):  # fmt: skip
+    """Add what the cells H_b would make of V if they were free, or occupied, eq. (44)."""
+    for i in range(live):
+        for b in range(count):
+            v, own = ti.cast(through[i], ti.f64), slabs.line[slab, OWN + b, i]
+            v1 = v / ti.max(own, 1e-12)
+            for n in range(3 * b, 3 * b + 3):
+                cell = slabs.place[slab, n, i]
+                if cell >= 0 and v > 0:
+                    v0 = v1 * (1 - (1 - own) / (1 - grid.occupied[0, cell]))
+                    low, high = (v0 - v) * (a - 1), (v1 - v) * (a - 1)
+                    hits = lifted(slab, cell, low, high, slabs.sums, slabs.touched, hits)
+
+
+@ti.func
+def cast_bundle(
+    first, live, count, a, send, slab, grid: ti.template(), casting: ti.template(), slabs: ti.template(),
+    sums: ti.template(), known: ti.template(), hits: ti.template(),
+):  # fmt: skip
+    """Cast `live` rays of a path side by side, from row `first` of `drawn` on, and sum up over them."""
+    leg, front, through = Leg(), Front(), ti.Vector([1.0] * LANES)
+    meet_cells(
+        casting.drawn, first, live, count, grid.frame, grid.where.shape[1], grid.occupied, slab, slabs.line,
+        slabs.place,
+    )  # fmt: skip
+    mark(slabs.place, slab, live, 1, slabs.met)
+    common, passed = ti.f64(1.0), ti.f32(0.0)
+    for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
+        for corner in range(count + 1 if walk == 0 or passed > 0 else 0):
+            plan = lay_leg(casting.drawn, first, live, corner, count, grid.frame, leg)
+            cross_leg(walk, plan, passed, slab, leg, front, grid, slabs, through, common, known)
+        if walk == 0:
+            passed = open_rays(first, live, a, common, slab, casting.drawn, slabs.line, through, sums)
+    mark(slabs.place, slab, live, 0, slabs.met)
+    if send:
+        lift_met(live, count, a, slab, through, grid, slabs, hits)
+
+
+@ti.func
+def cast_path(
+    row, slab, places: ti.template(), draft: ti.template(), listed: ti.template(), grid: ti.template(),
+    casting: ti.template(), slabs: ti.template(),
+):  # fmt: skip
+    """Draw and cast the rays of one path, bundle by bundle, and send its messages to the cells."""
+    rays, count, a = draft.state.shape[1], listed.path[row, BOUNCES], casting.factor[row, 0]
+    possible, middle = 0, ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
+    if casting.products.shape[0] > 0 or casting.factor[row, 1] > 0.5:
+        possible = draw_rays(row, rays, places, draft, listed, casting.drawn, middle)
+    # a path that is worth the same whether blocked or not sends nothing
+    send = casting.factor[row, 1] > 0.5 and a != 1.0 and possible > grid.frame[LEAST] * rays
+    sums, known, hits = ti.Vector([0.0, 0.0], dt=ti.f64), 0, 0
+    for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
+        first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
+        cast_bundle(first, live, count, a, send, slab, grid, casting, slabs, sums, known, hits)
+    casting.seen[row, 0] = sums[OPEN_TO] / ti.max(possible, 1)
+    casting.seen[row, 1] = possible / ti.cast(rays, ti.f64)
+    for n in ti.static(range(4)):
+        casting.seen[row, 2 + n] = middle[n]
+    if casting.products.shape[0] > 0:
+        coefficient_product(
+            casting.drawn, listed.path, grid.where, grid.held, grid.reflection, grid.frame, row, rays,
+            casting.products,
+        )  # fmt: skip
+    settle(
+        slab, known, hits, sums[TOTAL], a, grid.frame[CLIP], grid.occupied, slabs.sums, slabs.touched,
+        slabs.message, slabs.news,
+    )  # fmt: skip
+
+
 @copying("belief", "links", "reflection")
 @ti.kernel
 def cast(
@@ -122,181 +306,7 @@ def cast(
             list_and_predict(query, belief, places, links, draft, listed)
     for item in range(slabs.message.shape[0] * SPREAD):
         if item % SPREAD == 0:
-            slab = item // SPREAD
-            ny, nx = grid.where.shape[0], grid.where.shape[1]
-            paths, rays = (listed.found[0] if draft.failed[0] == 0 else 0), draft.state.shape[1]
-            row = slab
-            while row < paths:
-                count, a = listed.path[row, 0], casting.factor[row, 0]
-                total, known, hits, possible = ti.f64(0.0), 0, 0, 0
-                open_to, middle = ti.f64(0.0), ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
-                wanted = casting.products.shape[0] > 0 or casting.factor[row, 1] > 0.5
-                for ray in range(rays if wanted else 0):
-                    draw_path(draft.state, listed.path, places, row, ray, casting.drawn)
-                    casting.drawn[row * rays + ray, 13] = 0.0
-                    possible += ti.cast(casting.drawn[row * rays + ray, 12], ti.i32)
-                    for n in ti.static(range(4)):
-                        middle[n] += casting.drawn[row * rays + ray, 2 + n] / rays
-                # a path that is worth the same whether blocked or not sends nothing
-                send = casting.factor[row, 1] > 0.5 and a != 1.0 and possible > grid.frame[5] * rays
-                for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
-                    first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
-                    through, since = ti.Vector([1.0] * LANES), ti.Vector([0] * LANES)
-                    low, high, enter = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
-                    part, rise, rest = ti.Vector([0] * LANES), ti.Vector([0] * LANES), ti.Vector([0] * LANES)
-                    start, stop = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
-                    entry, leave = ti.Vector([0] * LANES), ti.Vector([0] * LANES)
-                    origin = ti.Vector([0.0] * LANES, dt=ti.f64)
-                    slope = ti.Vector([0.0] * LANES, dt=ti.f64)
-                    meet_cells(
-                        casting.drawn,
-                        first,
-                        live,
-                        count,
-                        grid.frame,
-                        nx,
-                        grid.occupied,
-                        slab,
-                        slabs.line,
-                        slabs.place,
-                    )
-                    mark(slabs.place, slab, live, 1, slabs.met)
-                    common, passed = ti.f64(1.0), ti.f32(0.0)
-                    for walk in range(2 if send else 1):  # 0: V; 1: add it to the cells
-                        for corner in range(count + 1 if walk == 0 or passed > 0 else 0):
-                            plan = lay_leg(
-                                casting.drawn,
-                                first,
-                                live,
-                                corner,
-                                count,
-                                grid.frame,
-                                origin,
-                                slope,
-                                start,
-                                stop,
-                                entry,
-                                leave,
-                            )
-                            step_of(slope, rise, rest)
-                            flat = plan[0] > 0.5
-                            columns, rows = (nx if flat else ny), (ny if flat else nx)
-                            along, across = (1 if flat else nx), (nx if flat else 1)
-                            begin = ti.max(ti.cast(plan[1], ti.i32), 0)
-                            end = ti.min(ti.cast(plan[2], ti.i32), columns - 1)
-                            inner, outer = plan[3], plan[4]
-                            fresh, same, was = False, False, 0
-                            for c in range(begin, end + 1):
-                                # between the extremes of the rays at both ends there is no other row
-                                past = c + 1 - inner
-                                least = ti.floor(plan[5] + past * plan[6])
-                                most = ti.floor(plan[7] + past * plan[8])
-                                one = least == most and past >= 0 and c + 1 <= outer
-                                will = ti.cast(least, ti.i32)
-                                lowest, highest = ti.max(ti.min(was, will), 0), ti.max(was, will)
-                                highest = ti.min(highest, rows - 1)
-                                together = same and one and highest - lowest < 2
-                                if together and lowest <= highest:  # a cell that a ray meets is looked at
-                                    cell = c * along + lowest * across
-                                    beyond = c * along + highest * across
-                                    together = slabs.met[slab, cell] == 0 and slabs.met[slab, beyond] == 0
-                                if ti.static(LANES == 1):
-                                    together = True
-                                    lowest, highest = rows_alone(c, origin, slope, start, stop, entry, leave)
-                                    lowest, highest = ti.max(lowest, 0), ti.min(highest, rows - 1)
-                                if together:
-                                    fresh = False
-                                    for r in range(lowest, highest + 1):
-                                        cell, spared = c * along + r * across, False
-                                        if ti.static(LANES == 1):
-                                            spared = slabs.met[slab, cell] != 0
-                                        if not spared:
-                                            if walk == 0:
-                                                common *= 1 - ti.cast(grid.occupied[0, cell], ti.f64)
-                                            else:
-                                                known = crossed(
-                                                    slab, cell, passed, slabs.sums, slabs.touched, known
-                                                )
-                                else:
-                                    if not fresh:
-                                        split(origin, slope, c, enter, part)
-                                    fresh = True
-                                    bottom, top = FAR, -FAR
-                                    for i in range(LANES):
-                                        ahead = part[i] + rest[i]  # less than before where a row is full
-                                        follows = enter[i] + rise[i] + ti.select(ahead < part[i], 1, 0)
-                                        goes = ti.select(c >= stop[i], leave[i], follows)
-                                        came = ti.select(c <= start[i], entry[i], enter[i])
-                                        here = (c >= start[i]) & (c <= stop[i])
-                                        below = ti.select(here, ti.min(came, goes), FAR)
-                                        above = ti.select(here, ti.max(came, goes), -FAR)
-                                        low[i], high[i], enter[i], part[i] = below, above, follows, ahead
-                                        bottom, top = ti.min(bottom, below), ti.max(top, above)
-                                    for r in range(ti.max(bottom, 0), ti.min(top, rows - 1) + 1):
-                                        cell, add = c * along + r * across, 0.0
-                                        free = 1 - grid.occupied[0, cell]
-                                        if slabs.met[slab, cell] == 0:
-                                            add = cross_row(walk, r, low, high, free, through)
-                                        else:  # rays that meet a cell don't traverse it
-                                            spare(slabs.place, slab, cell, low, since)
-                                            add = cross_row(walk, r, since, high, free, through)
-                                        if walk == 1:
-                                            known = crossed(slab, cell, add, slabs.sums, slabs.touched, known)
-                                same, was = one, will
-                        if walk == 0:
-                            for i in range(live):
-                                k, v = first + i, ti.f64(0.0)
-                                if casting.drawn[k, 12] > 0.5:
-                                    v = through[i] * common
-                                    casting.drawn[k, 13] = v * slabs.line[slab, 0, i] * slabs.line[slab, 1, i]
-                                    open_to += casting.drawn[k, 13]
-                                    v *= slabs.line[slab, OWN, i] * slabs.line[slab, OWN + 1, i]
-                                total += v * a + 1 - v
-                                through[i] = ti.cast(v, ti.f32)
-                                passed += through[i]
-                    mark(slabs.place, slab, live, 0, slabs.met)
-                    if send:
-                        for i in range(live):
-                            for b in range(count):
-                                v, own = ti.cast(through[i], ti.f64), slabs.line[slab, OWN + b, i]
-                                v1 = v / ti.max(own, 1e-12)
-                                for n in range(3 * b, 3 * b + 3):
-                                    cell = slabs.place[slab, n, i]
-                                    if cell >= 0 and v > 0:
-                                        v0 = v1 * (1 - (1 - own) / (1 - grid.occupied[0, cell]))
-                                        hits = lifted(
-                                            slab, cell, (v0 - v) * (a - 1), (v1 - v) * (a - 1), slabs.sums,
-                                            slabs.touched, hits,
-                                        )  # fmt: skip
-                casting.seen[row, 0], casting.seen[row, 1] = (
-                    open_to / ti.max(possible, 1),
-                    possible / ti.cast(rays, ti.f64),
-                )
-                for n in ti.static(range(4)):
-                    casting.seen[row, 2 + n] = middle[n]
-                if casting.products.shape[0] > 0:
-                    coefficient_product(
-                        casting.drawn,
-                        listed.path,
-                        grid.where,
-                        grid.held,
-                        grid.reflection,
-                        grid.frame,
-                        row,
-                        rays,
-                        casting.products,
-                    )
-                settle(
-                    slab,
-                    known,
-                    hits,
-                    total,
-                    a,
-                    grid.frame[4],
-                    grid.occupied,
-                    slabs.sums,
-                    slabs.touched,
-                    slabs.message,
-                    slabs.news,
-                )
+            row = item // SPREAD
+            while row < (listed.found[0] if draft.failed[0] == 0 else 0):
+                cast_path(row, item // SPREAD, places, draft, listed, grid, casting, slabs)
                 row += slabs.message.shape[0]

@@ -8,14 +8,24 @@ from gridslam.kernels.primitives.functions import decay_of, logarithm_of
 from gridslam.kernels.primitives.launching import copying, quick
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, detection_of, log_rician
+from gridslam.kernels.primitives.tables import (
+    ANCHOR,
+    BOUNCES,
+    CLIP,
+    FIRST,
+    LAST,
+    LEAST,
+    ORIGIN_X,
+    ORIGIN_Y,
+    OTHER,
+    SIDE,
+)
 from gridslam.kernels.propagation.bundles import cell_of
 from gridslam.kernels.propagation.detections import place_again, spot
 from gridslam.kernels.propagation.path_messages import CHANCE, LENGTH, SHARE, SURFACES
 
-BINS, CLIP, LEAST, OTHER = 20, 4, 5, 6
-"""Bins of a coefficient's belief, products of two have twice as many nodes; where the frame says how far
-apart log-likelihoods may be, at which share of its states a path must be possible, and how likely a wall is
-of another material where it is hit next."""
+BINS = 20
+"""Bins of a coefficient's belief; products of two have twice as many nodes."""
 FAINT = 1e-3
 """Probability of an association below which it says nothing about coefficients."""
 LEAST_SHARE = 0.05
@@ -29,12 +39,12 @@ def local_belief(
     surface: ti.template(), frame: ti.template(), row, rays, corner, number,
 ):  # fmt: skip
     """Belief over the coefficient at a hit: the surface's, the cell's own, and room for a surprise."""
-    inside, per_metre = 0, 1 / frame[2]
+    inside, per_metre = 0, 1 / frame[SIDE]
     for n in range(BINS):
         at[n] = 0.0
     for k in range(row * rays, (row + 1) * rays):
-        ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
-        iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
+        ix = cell_of(drawn[k, 2 * corner], frame[ORIGIN_X], per_metre)
+        iy = cell_of(drawn[k, 2 * corner + 1], frame[ORIGIN_Y], per_metre)
         if ix >= 0 and iy >= 0 and ix < where.shape[1] and iy < where.shape[0]:
             inside += 1
             cell = where[iy, ix]
@@ -62,14 +72,14 @@ def coefficient_product(
 
     Node n stands for (n + 1) / 2 BINS. Arguments are those of `cells.cast`.
     """
-    bounces, nodes = path[row, 0], 2 * BINS
+    bounces, nodes = path[row, BOUNCES], 2 * BINS
     for n in range(nodes):
         belief[row, n] = 0.0
     first, last = ti.Vector([0.0] * BINS, dt=ti.f64), ti.Vector([0.0] * BINS, dt=ti.f64)
     for corner in range(1, bounces + 1):
         for n in range(BINS):
             first[n] = last[n]
-        number = path[row, 1] if corner == bounces else path[row, 2]
+        number = path[row, LAST] if corner == bounces else path[row, FIRST]
         local_belief(last, drawn, where, held, surface, frame, row, rays, corner, number)
     if bounces == 0:
         belief[row, nodes - 1] = 1.0
@@ -98,7 +108,7 @@ def say(
     are biased by the threshold, and misses alone all the more (docs/model.md, (M42)).
     """
     missed = ti.max(1 - summary[SHARE, row], 0.0)
-    at_1m, samples = radio[path[row, 3], AT_1M], radio[path[row, 3], SAMPLES]
+    at_1m, samples = radio[path[row, ANCHOR], AT_1M], radio[path[row, ANCHOR], SAMPLES]
     for n in range(BINS):
         level = at_1m / ti.max(summary[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
         heard = detection_of(level, table, step)
@@ -121,10 +131,10 @@ def add_to_cells(
     A cell's best bin is 0 afterwards, and none is further below than the clip: steps aren't independent, and
     what is surer than that could never be learned anew. A cell that is hit for the first time gets a row.
     """
-    per_metre, settled = 1 / frame[2], -1
+    per_metre, settled = 1 / frame[SIDE], -1
     for k in range(row * rays, (row + 1) * rays):
-        ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
-        iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
+        ix = cell_of(drawn[k, 2 * corner], frame[ORIGIN_X], per_metre)
+        iy = cell_of(drawn[k, 2 * corner + 1], frame[ORIGIN_Y], per_metre)
         if ix >= 0 and iy >= 0 and ix < where.shape[1] and iy < where.shape[0]:
             cell = where[iy, ix]
             if cell < 0 and used[0] < held.shape[0]:
@@ -138,8 +148,8 @@ def add_to_cells(
                     before = held[cell, n]
                     held[cell, n] = before + ti.cast(share * log[n] / rays, ti.f32)
     for k in range(row * rays, (row + 1) * rays):
-        ix = cell_of(drawn[k, 2 * corner], frame[0], per_metre)
-        iy = cell_of(drawn[k, 2 * corner + 1], frame[1], per_metre)
+        ix = cell_of(drawn[k, 2 * corner], frame[ORIGIN_X], per_metre)
+        iy = cell_of(drawn[k, 2 * corner + 1], frame[ORIGIN_Y], per_metre)
         if ix >= 0 and iy >= 0 and ix < where.shape[1] and iy < where.shape[0]:
             cell = where[iy, ix]
             if cell >= 0 and cell != settled:  # rays side by side meet the same one

@@ -8,6 +8,7 @@ from gridslam.kernels.primitives.functions import cos_of, mirrored, sin_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import line_entry
 from gridslam.kernels.primitives.packing import pack
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST
 
 NEAR_M = 1e-9
 """A path from a line to it again is reflected anywhere."""
@@ -53,7 +54,7 @@ def place_again(s, mean: ti.template(), head, extent: ti.template(), outermost: 
 @ti.func
 def unfolded(path: ti.template(), row, corner, places: ti.template(), mean: ti.template(), head):
     """Where a path comes from and goes to as one of its bounces sees it: the other one is unfolded."""
-    bounces, last, first, anchor = path[row, 0], path[row, 1], path[row, 2], path[row, 3]
+    bounces, last, first, anchor = path[row, BOUNCES], path[row, LAST], path[row, FIRST], path[row, ANCHOR]
     fx, fy, tx, ty = places[anchor, 0], places[anchor, 1], mean[0], mean[1]
     if bounces == 2:
         other = line_entry(head, last if corner == 0 else first)
@@ -74,9 +75,9 @@ def spot(
 
     Arguments are those of `mark`; `latest` is the anchor that detected each surface last in this launch.
     """
-    bounces, anchor = path[row, 0], path[row, 3]
+    bounces, anchor = path[row, BOUNCES], path[row, ANCHOR]
     for corner in range(bounces):  # of a double bounce, the surface that is hit first comes first
-        s = path[row, 1] if corner == bounces - 1 else path[row, 2]
+        s = path[row, LAST] if corner == bounces - 1 else path[row, FIRST]
         angle = mean[line_entry(head, s)]
         along = cos_of(angle) * seen[row, 3 + 2 * corner] - sin_of(angle) * seen[row, 2 + 2 * corner]
         hits.foot[s] = ti.select(

@@ -3,8 +3,8 @@
 import taichi as ti
 
 from gridslam.kernels import LEAST_SENDING
+from gridslam.kernels.primitives.tables import AMPLITUDE, EXISTENCE, WORTH
 from gridslam.kernels.primitives.tables import CHANCE as CHANCE_BEFORE
-from gridslam.kernels.primitives.tables import EXISTENCE, WORTH
 from gridslam.kernels.primitives.tables import LENGTH as LENGTH_COLUMN
 from gridslam.kernels.primitives.tables import SURFACES as SURFACES_BEFORE
 
@@ -31,7 +31,7 @@ def note(
         out.factor[n, 0] = ti.select(fresh, belief * ratios.odds[WORTH, row] + 1 - belief, out.factor[n, 0])
         out.factor[n, 1] = 1.0 if belief > LEAST_SENDING else 0.0
         for pair in range(pairs.start[row], pairs.start[row + 1]):
-            out.detection[0, k] = ti.select(fresh, scan[pairs.index[pair, 1], 6], out.detection[0, k])
+            out.detection[0, k] = ti.select(fresh, scan[pairs.index[pair, 1], AMPLITUDE], out.detection[0, k])
             out.detection[1, k] = share[pair]
             total += share[pair]
             k += 1

@@ -24,11 +24,12 @@ from gridslam.kernels.primitives.layout import (
     HEADING,
     HEIGHT,
     line_entry,
+    line_row,
     lines_in,
     rise_of,
     unknown_row,
 )
-from gridslam.kernels.primitives.tables import OPEN
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, NORMAL, OPEN, RAY_POSSIBLE
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -58,9 +59,9 @@ def densities(
 @ti.func
 def possible(at, row, state: ti.template(), path: ti.template(), places: ti.template()):
     """At how many of a block of particles, which begins at `at`, a path is possible."""
-    anchor = path[row, 3]
+    anchor = path[row, ANCHOR]
     ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
-    bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+    bounces, s, r = path[row, BOUNCES], line_row(path[row, LAST]), line_row(path[row, FIRST])
     count = ti.cast(BLOCK, ti.f32)
     if bounces > 0:
         count = 0.0
@@ -88,10 +89,10 @@ def weigh_pairs(
     start: ti.template(), pair: ti.template(), out: ti.template(),
 ):  # fmt: skip
     """The same sums for the gated pairs of one path, and at how many particles it is possible."""
-    at, paths, anchor = block * BLOCK, path.shape[0], path[row, 3]
+    at, paths, anchor = block * BLOCK, path.shape[0], path[row, ANCHOR]
     ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
     facing, height = ti.cast(places[anchor, 2], ti.f32), ti.cast(places[anchor, HEIGHT], ti.f32)
-    bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+    bounces, s, r = path[row, BOUNCES], line_row(path[row, LAST]), line_row(path[row, FIRST])
     tx, ty = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
     wx, wy = ti.Vector([0.0] * BLOCK), ti.Vector([0.0] * BLOCK)
     good, far = ti.Vector([1.0] * BLOCK), ti.Vector([0.0] * BLOCK)
@@ -159,17 +160,17 @@ def weigh_pairs(
 
 @ti.func
 def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), row, k, drawn: ti.template()):
-    """Draw a path at a state as row of ``[L R, 13]``: corners (8), normals (4), possible.
+    """Draw a path at a state as a row of `drawn`, see `tables.NORMAL`: all but V.
 
     The first corner is the anchor, the last the agent, which repeats where there are fewer bounces. The first
     normal is that of the surface hit first, the second of the one hit last. An impossible path collapses onto
     the anchor.
     """
     at = row * state.shape[1] + k
-    anchor = path[row, 3]
+    anchor = path[row, ANCHOR]
     ax, ay = places[anchor, 0], places[anchor, 1]
     px, py = ti.cast(state[0, k], ti.f64), ti.cast(state[1, k], ti.f64)
-    bounces, s, r = path[row, 0], 3 + 3 * path[row, 1], 3 + 3 * path[row, 2]
+    bounces, s, r = path[row, BOUNCES], line_row(path[row, LAST]), line_row(path[row, FIRST])
     x1, y1, x2, y2 = px, py, px, py
     one, zero = ti.f64(1.0), ti.f64(0.0)
     mx, my, nx, ny = one, zero, one, zero
@@ -201,8 +202,9 @@ def draw_path(state: ti.template(), path: ti.template(), places: ti.template(), 
         x1, y1, x2, y2, px, py = ax, ay, ax, ay, ax, ay
     drawn[at, 0], drawn[at, 1], drawn[at, 2], drawn[at, 3] = ax, ay, x1, y1
     drawn[at, 4], drawn[at, 5], drawn[at, 6], drawn[at, 7] = x2, y2, px, py
-    drawn[at, 8], drawn[at, 9], drawn[at, 10], drawn[at, 11] = mx, my, nx, ny
-    drawn[at, 12] = ok
+    drawn[at, NORMAL], drawn[at, NORMAL + 1] = mx, my
+    drawn[at, NORMAL + 2], drawn[at, NORMAL + 3] = nx, ny
+    drawn[at, RAY_POSSIBLE] = ok
 
 
 @ti.func
@@ -211,8 +213,8 @@ def stand_at(mean: ti.template(), head, state: ti.template()):
     state[0, 0], state[1, 0], state[2, 0] = mean[0], mean[1], mean[HEADING]
     for s in range(lines_in(head, mean.shape[0])):
         entry = line_entry(head, s)
-        state[3 + 3 * s, 0], state[4 + 3 * s, 0] = cos_of(mean[entry]), sin_of(mean[entry])
-        state[5 + 3 * s, 0] = mean[entry + 1]
+        state[line_row(s), 0], state[line_row(s) + 1, 0] = cos_of(mean[entry]), sin_of(mean[entry])
+        state[line_row(s) + 2, 0] = mean[entry + 1]
 
 
 @quick
@@ -221,7 +223,7 @@ def polylines(
     state: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [3 + 3 S or more, R] see `layout`
     path: ti.types.ndarray(dtype=ti.i32, ndim=2),  # [L, 4] bounces, last, first, anchor
     places: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [J, 6] anchors: see `blocks`
-    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 13] out
+    drawn: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [L R, 14] out
 ):
     """Draw every path at every sampled state."""
     ti.loop_config(serialize=ON_CPU)  # too little work to wake other threads for

@@ -5,8 +5,8 @@ import taichi as ti
 from gridslam.kernels import ALREADY_LISTED
 from gridslam.kernels.primitives.blocks import (
     APPEAR,
-    BOUNCES,
     HEAD,
+    MOST_BOUNCES,
     OFFSET,
     ONLY,
     ROOTED,
@@ -22,7 +22,7 @@ from gridslam.kernels.primitives.blocks import (
 from gridslam.kernels.primitives.functions import wrapped
 from gridslam.kernels.primitives.gaussian import entry_of, path_of, predict_by, spread_by_unknown, spread_of
 from gridslam.kernels.primitives.launching import copying
-from gridslam.kernels.primitives.layout import anchor_of, unknown_entry
+from gridslam.kernels.primitives.layout import ABOVE, LATE, anchor_of, unknown_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import ready
 from gridslam.kernels.primitives.radio import (
@@ -34,7 +34,7 @@ from gridslam.kernels.primitives.radio import (
     THRESHOLD,
     lean_of,
 )
-from gridslam.kernels.primitives.tables import LABEL
+from gridslam.kernels.primitives.tables import AMPLITUDE, ANCHOR, BOUNCES, FIRST, LABEL, LAST, LOUD, OWN_STD
 
 STRONG = 0.3
 """Existence from which on a surface may take part in a double bounce, and explain a loud measurement."""
@@ -59,8 +59,9 @@ def listed(kind, s, r, anchor, links: ti.template()):
 @ti.func
 def enter_path(path: ti.template(), row, kind, s, r, anchor):
     """Write a row of a table of paths: bounces, last, first, anchor."""
-    path[row, 0], path[row, 3] = kind, anchor
-    path[row, 1], path[row, 2] = (-1 if kind == 0 else s), (-1 if kind == 0 else (s if kind == 1 else r))
+    path[row, BOUNCES], path[row, ANCHOR] = kind, anchor
+    path[row, LAST] = -1 if kind == 0 else s
+    path[row, FIRST] = -1 if kind == 0 else (s if kind == 1 else r)
 
 
 @ti.func
@@ -72,7 +73,7 @@ def list_and_predict(
 
     Arguments are those of `list_paths`.
     """
-    only, bounces, head = query.choice[ONLY], query.choice[BOUNCES], query.choice[HEAD]
+    only, bounces, head = query.choice[ONLY], query.choice[MOST_BOUNCES], query.choice[HEAD]
     stay, appear = query.weight[STAY], query.weight[APPEAR]
     ready(belief, head, query.weight[SHARE], query.choice[OFFSET], query.choice[ROOTED], draft)
     count, n, known = links.surface.shape[0], 0, only == ALREADY_LISTED
@@ -113,10 +114,10 @@ def lies_near(m, value, spread, lean, scan: ti.template(), radio: ti.template(),
     """Whether a measurement lies where a path is predicted. Which way an array faces doesn't matter here."""
     there = 0.5 * (radio[anchor, ANCHOR_APERTURE] + radio[anchor, ANCHOR_APERTURE + 1])
     here = 0.5 * (radio[anchor, AGENT_APERTURE] + radio[anchor, AGENT_APERTURE + 1])
-    amplitude = scan[m, 6] if scan[m, 6] >= 0 else radio[anchor, THRESHOLD]
+    amplitude = scan[m, AMPLITUDE] if scan[m, AMPLITUDE] >= 0 else radio[anchor, THRESHOLD]
     far = ti.f64(0.0)
     for q in ti.static(range(3)):
-        gap, std = scan[m, q] - value[q], scan[m, 3 + q]
+        gap, std = scan[m, q] - value[q], scan[m, OWN_STD + q]
         if ti.static(q > 0):
             gap = wrapped(gap)
         if std == 0:
@@ -160,11 +161,11 @@ def near(
                     spread = spread_of(slope, entry, covariance)
                     if unknown >= 0:
                         spread += spread_by_unknown(
-                            slope, entry, unknown, place, value[0] - place[3], covariance
+                            slope, entry, unknown, place, value[0] - place[LATE], covariance
                         )
-                    lean = lean_of(value[0] - place[3], place[4])
+                    lean = lean_of(value[0] - place[LATE], place[ABOVE])
                     for m in range(scan.shape[0]):
-                        if scan[m, 7] > 0.5 and (
+                        if scan[m, LOUD] > 0.5 and (
                             scan[m, LABEL] < 0 or scan[m, LABEL] == radio[anchor, SENDER]
                         ):
                             if lies_near(m, value, spread, lean, scan, radio, anchor):

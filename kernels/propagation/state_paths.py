@@ -4,6 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.primitives.gaussian import entry_of, path_of
 from gridslam.kernels.primitives.launching import quick
+from gridslam.kernels.primitives.tables import BOUNCES, FIRST, LAST
 
 
 @quick
@@ -20,7 +21,7 @@ def trace_paths(
     """Length and angles of every path at a state, and their derivatives through a root of its covariance."""
     ti.loop_config(serialize=True)
     for row in range(path.shape[0]):
-        bounces, last, first = path[row, 0], path[row, 1], path[row, 2]
+        bounces, last, first = path[row, BOUNCES], path[row, LAST], path[row, FIRST]
         place = ti.Vector([spot[0], spot[1], spot[2], spot[3], spot[4]], dt=ti.f64)
         values, slope = path_of(mean, head, place, bounces, last, first)
         entry = entry_of(head, bounces, last, first)

@@ -12,6 +12,7 @@ from gridslam.arrays import Array
 from gridslam.inference.state.grid import EVIDENCE_CLIP, Grid
 from gridslam.kernels import CELL_SLABS
 from gridslam.kernels.primitives.blocks import Slabs
+from gridslam.kernels.primitives.tables import LEAST
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.grid_memory import check_room, slabs_for
 
@@ -60,7 +61,7 @@ class CellBuffers:
         spared_m = SPARED_CELLS * cell
         self.frame = np.array([*origin, cell, OUTSIDE, EVIDENCE_CLIP, 0.0, OTHER_MATERIAL, spared_m])
         self.frame_of_messages = self.frame.copy()
-        self.frame_of_messages[5] = MOSTLY_POSSIBLE
+        self.frame_of_messages[LEAST] = MOSTLY_POSSIBLE
         self._most = max(1, OCCUPANCY_BYTES // (8 * self.count))
         self._known: list[tuple[weakref.ref[Array], runtime.Resident]] = []
         """Occupancies, with the evidence that each follows from; the one asked for last is the last."""
