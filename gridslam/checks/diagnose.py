@@ -18,6 +18,8 @@ from gridslam.checks import elevations, time_units
 from gridslam.checks.against_scene import against_scene
 from gridslam.checks.deviations import degrees, too_exact, variances
 from gridslam.checks.fillers import padding
+from gridslam.checks.line_of_sight_filter import explain
+from gridslam.checks.noise import noise
 from gridslam.checks.repeats import repeats_line
 from gridslam.checks.scene_lines import implausible_radio
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, absurd, beyond_radio, finite
@@ -204,6 +206,10 @@ def suspicions(
     wide, table = degrees(table, scene, who)
     found += [*variances(table, scene), *wide]
     found += against_scene(table, scene, who, {item.column for item in plain})
+    if not found:
+        order = np.argsort(table["step"], kind="stable")
+        table = {name: values[order] for name, values in table.items()}
+        found += noise(table, explain(table, scene, who), scene)
     named = any(item.column == "distance_m" for item in found)
     return found if named else [*found, *(beyond_radio(table, scene) or too_exact(table, scene))]
 

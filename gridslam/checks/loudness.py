@@ -15,8 +15,10 @@ ENOUGH, CERTAIN = 10.0, 30.0
 """Log likelihood ratios in nats above which a reading is told, and told as certain."""
 LEVEL_DB = 2.5
 """Amplitudes whose level is nearer to the expected one aren't questioned."""
-MOST_OFF_DB, ENOUGH_SIGHTS = 6.0, 30
-"""A level so far off is told, if so many lines of sight have it."""
+FAINTER_DB, LOUDER_DB, ENOUGH_SIGHTS = 5.5, 4.5, 30
+"""A level so far below or above the expected one is told, if so many lines of sight have it: what is taken
+for one may be a reflection, which is fainter, and never louder. An amplitude that is twice another has 6 dB
+more."""
 ENOUGH_ROWS, FAINTEST = 200, 0.02
 """Measurements, and the share of them that must be nearly as faint as can be, for a threshold to be seen."""
 LEAST_DB = 15.0
@@ -76,7 +78,8 @@ def loudness(amplitude: Array, sight: Sight, scene: Scene, placed: bool = True) 
     stretch = {"": 0.0, "power": -np.log(2) * len(loud), "dB": np.log(readings["dB"]).sum()}
     if kind and not begins and not decibels:
         misread &= scores[kind] + stretch[kind] - scores[""] >= ENOUGH
-    if (placed or scene.walls) and not decibels and abs(level) >= MOST_OFF_DB and len(loud) >= ENOUGH_SIGHTS:
+    far_off = not -FAINTER_DB < level < LOUDER_DB
+    if (placed or scene.walls) and not decibels and far_off and len(loud) >= ENOUGH_SIGHTS:
         if not misread or (not begins and _level(off - np.median(off)) > scores[kind] + stretch[kind]):
             reason = f"{shown}; or it is {ADVICE[kind]}" if kind else shown
             return [Suspicion("amplitude", "level", louder, False, reason)]

@@ -10,6 +10,7 @@ from gridslam.checks.fit import BLIND, FITTING, least_share, settled, tells_plac
 from gridslam.checks.line_of_sight_filter import explain
 from gridslam.checks.loudness import loudness
 from gridslam.checks.misplaced import with_places
+from gridslam.checks.noise import noise
 from gridslam.checks.rivals import CERTAIN, both_measured, orders, range_cure, range_errors
 from gridslam.checks.unit_hypotheses import finite
 from gridslam.measurements.observations import Observations
@@ -73,7 +74,7 @@ def misfits(scene: Scene, agent: str, observations: Observations) -> list[str]:
 
 
 def misread(scene: Scene, agent: str, observations: Observations) -> list[str]:
-    """What `gridslam check` suspects of amplitudes and times of a table whose lines of sight fit."""
+    """What `gridslam check` suspects of amplitudes, times and noise of a table whose lines of sight fit."""
     table = _table(scene, observations)
     if table is None:
         return []
@@ -83,7 +84,7 @@ def misread(scene: Scene, agent: str, observations: Observations) -> list[str]:
     found += time_units.fast_times(table, sight)
     if len(finite(table, "amplitude")) and sight.explained >= least_share(scene):
         found += loudness(table["amplitude"], sight, scene)
-    return [str(item) for item in found]
+    return [str(item) for item in found or noise(table, sight, scene)]
 
 
 def _table(scene: Scene, observations: Observations) -> Columns | None:

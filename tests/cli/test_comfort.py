@@ -263,6 +263,10 @@ def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say, 
     assert "note: agent1: suspect: time_s: probably milliseconds" in say(*slow).out
     replace(measurements, amplitude=1.5 * measurements.amplitude).to_csv("heard.csv")
     assert "suspect" not in say(*run).out
+    replace(measurements, distance_m=np.maximum(np.round(2 * measurements.distance_m), 1) / 2).to_csv(
+        "heard.csv"
+    )
+    assert "note: agent1: suspect: distance_m: comes in steps of 0.5 m: give" in say(*run).out
     for metres, times in ((0.0, 0), (1.5, 1)):
         replace(measurements, distance_m=measurements.distance_m + metres).to_csv("heard.csv")
         result = say(*run)
