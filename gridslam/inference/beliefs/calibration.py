@@ -29,7 +29,7 @@ SURPRISE, DOUBTED = 4.0, 3.0
 """Standard deviations by which clutter breaks with its past, and with the scene's level."""
 BROKEN = 0.3
 """Share of `KEEP` that a past is worth with which clutter breaks."""
-GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.5, 2.0
+GAIN_STD, LEAST_GAIN, MOST_GAIN = 0.3, 0.2, 5.0
 """Prior of the ratio of true to stated amplitude, and its bounds."""
 TURN_STD, KEEP_TURN, BEYOND_DOUBT = 0.02, 0.995, 4.5
 """Prior of an anchor's orientation (rad), forgetting per step, deviations from which on it is believed."""
@@ -131,6 +131,10 @@ class Calibration:
         clutter[anchor] = keep * clutter[anchor] + count
         listened[anchor] = keep * listened[anchor] + 1
         return replace(self, clutter=clutter, listened=listened)
+
+    def amplified(self, gain: float, std: float) -> Self:
+        """With a ratio of true to stated amplitude and its deviation, whatever was believed of it: (M564)."""
+        return replace(self, pull=gain / std**2, weight=1 / std**2)
 
     def told(self, anchor: int, turned: float, weight: float) -> Self:
         """An anchor is turned by so much (rad, with 1 / rad^2), whatever was believed of it: (M511)."""
