@@ -18,6 +18,9 @@ from which on it is told."""
 LOUD, ALIKE = 0.1, 1e-3
 """Quantile of deviations that is that of loud paths; share of it by which gaps between values may differ that
 count as one."""
+LEVELS, STEPS = 10, 3
+"""Values that a raster must have at least, and how often its step comes between them: a device that stands
+still hears a few, over and over."""
 ON_RASTER, ROUNDING, REPEATED = 0.98, 0.02, 1.5
 """Share of the values that are on the raster, by how much of its step they may miss it, and how often each
 comes in the mean: of what isn't rounded hardly any comes twice."""
@@ -45,12 +48,17 @@ def noise(table: Columns, sight: Sight, scene: Scene) -> list[Suspicion]:
     return found
 
 
+def std_name(name: str) -> str:
+    """Column of a column's own deviations."""
+    return name.replace("_m", "_std_m").replace("_rad", "_std_rad")
+
+
 def expected_std(name: str, table: Columns, scene: Scene) -> Array | None:
     """Deviation (K,) of each value, its own or by the radio at its amplitude; NaN where neither is known.
 
     None for a column without any.
     """
-    if (own := table.get(name.replace("_m", "_std_m").replace("_rad", "_std_rad"))) is None:
+    if (own := table.get(std_name(name))) is None:
         own = np.full(len(table["step"]), np.nan)
     radio, amplitude = scene.signal_model(), table.get("amplitude", np.full(len(own), np.nan))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -69,15 +77,15 @@ def raster(name: str, table: Columns, std: Array) -> list[Suspicion]:
     values, usual = table[name][std > 0], float(np.quantile(std[std > 0], LOUD))
     gaps = np.diff(np.unique(values))
     gaps = gaps[gaps > ALIKE * usual]
-    if not len(gaps) or len(values) < REPEATED * len(gaps):
+    if len(gaps) < LEVELS - 1 or len(values) < REPEATED * len(gaps):
         return []
     _, first, often = np.unique(np.round(gaps / (ALIKE * usual)), return_index=True, return_counts=True)
     step = float(gaps[first[np.argmax(often)]])
     turns = np.exp(2j * np.pi * values / step)
     off = np.abs(np.angle(turns / turns.mean())) / (2 * np.pi)
-    if step < COARSE * usual or (off < ROUNDING).mean() < ON_RASTER:
+    if step < COARSE * usual or often.max() < STEPS or (off < ROUNDING).mean() < ON_RASTER:
         return []
-    own = name.replace("_m", "_std_m").replace("_rad", "_std_rad")
+    own = std_name(name)
     least = f"{step / np.sqrt(12):.2g}"
     text = f"comes in steps of {in_words(name, step)}: give deviations in {own}, none of them below {least}"
     reason = f"the radio's are {in_words(name, usual)} for loud paths"
@@ -89,9 +97,11 @@ def jumps(name: str, table: Columns, std: Array, sight: Sight, scene: Scene) -> 
 
     Arrivals turn with the agent, so that little can be said of them.
     """
+    if name == "aoa_rad":
+        return []
     rows = sight.row[(sight.probability > SURE) & (std[sight.row] > 0)]
     runs = in_a_row(table["step"][rows], table["anchor"][rows], len(BEND))
-    if name == "aoa_rad" or len(runs) < LEAST:
+    if len(runs) < LEAST:
         return []
     values = table[name][rows][runs]
     if name != "distance_m":
@@ -103,7 +113,7 @@ def jumps(name: str, table: Columns, std: Array, sight: Sight, scene: Scene) -> 
     likely = float(np.sqrt(np.median(((BEND * spread) ** 2).sum(1) + jolt**2))) / OF_NOISE
     if scatter < WIDER * likely:
         return []
-    own = name.replace("_m", "_std_m").replace("_rad", "_std_rad")
+    own = std_name(name)
     text = (
         f"{scatter / likely:.1f} times as noisy as the scene lets expect: is radio.snr_at_1m_db or "
         f"radio.bandwidth_hz too high? Or give deviations of their own in {own}"

@@ -50,6 +50,14 @@ def test_a_few_values_may_stray_and_the_raster_may_begin_anywhere(stray):
     )
 
 
+def test_a_device_that_stands_still_is_on_no_raster():
+    """It hears the same few values over and over: 63 degrees was the step of two."""
+    draw = np.random.default_rng(3)
+    for levels in (2, 3, 9, 15):
+        values = draw.uniform(-3, 3, levels)[draw.integers(0, levels, 400)]
+        assert not raster("aod_rad", {"aod_rad": values}, np.full(400, 0.01))
+
+
 def test_who_says_how_coarse_they_are_is_right():
     columns = rounded(simulated_columns("room", 3), "distance_m", 0.3)
     own = np.hypot(ROOM.signal_model().distance_std(columns["amplitude"]), 0.3 / np.sqrt(12))

@@ -35,7 +35,7 @@ from gridslam.inference.management.poses.pose_recovery import crowd, is_vague
 from gridslam.inference.management.poses.pose_search import POSES_BY_MAP, Modes, find_modes
 from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo, comparable
-from gridslam.inference.management.unknown_gain import with_gain
+from gridslam.inference.management.unknown_gain import with_likeliest_gain
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.inference.state.population import NONE, Population
@@ -267,7 +267,7 @@ def each_stepped(
 
     But that all have the likeliest one's calibration, and that several draw fewer particles each than one.
     """
-    step = partial(with_gain, step=step)
+    step = partial(with_likeliest_gain, step=step)
     if len(population) == 1:
         work.particles.limit = None
         state, info = stepped(population.best, scan, model, work, step)

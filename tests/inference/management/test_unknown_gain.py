@@ -50,6 +50,32 @@ def test_the_gain_is_told_at_the_first_step():
     assert slam.state.calibration.gain == pytest.approx(0.5, rel=0.15)
 
 
+def test_a_line_of_sight_that_was_half_believed_leaves_the_gain_open():
+    """It was known to 0.05 then, and not used, since 0.79 wasn't beyond doubt, and never asked for again."""
+    scene = short("alcove", 20, particles=256)
+    slam = gs.GridSlam(told(3.0, scene), seed=5)
+    for scan in gs.simulate(scene, "agent1", 5):
+        slam.step(scan)
+    assert slam.state.calibration.gain == pytest.approx(10 ** (-3 / 20), rel=0.05)
+
+
+@pytest.mark.parametrize("share", [1e-3, 0.02])
+def test_amplitudes_that_are_none_of_this_radios_end_nothing(share):
+    """All below what noise alone makes: the gain was 0, and its logarithm an error."""
+    heard = gs.simulate(SCENE, "agent1", 1)
+    run = mapped(0.0, 1, replace(heard, amplitude=share * heard.amplitude))
+    assert len(run.estimates) == 40
+
+
+@pytest.mark.parametrize("away_m", [0.0, 1e-12, 1e-9, 1e-4])
+def test_an_agent_at_an_anchor_sees_it_in_no_direction(away_m):
+    slam = gs.GridSlam(told(6.0), seed=1)
+    x, y = SCENE.anchor_positions[0, :2]
+    slam.start_at((x + away_m, y), 0.0)
+    estimate = slam.step(gs.simulate(SCENE, "agent1", 1).scan(0))
+    assert np.isfinite(estimate.position_m).all()
+
+
 def test_of_a_radio_as_told_no_step_is_taken_again(monkeypatch):
     asked = []
     plain = unknown_gain.likeliest_gain
