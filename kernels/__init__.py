@@ -43,8 +43,12 @@ LEAST_SENDING = 0.1
 USUAL_REFLECTION = 0.7
 """Coefficient of a known surface, where no better one is at hand."""
 
-OPEN = 0.5
+HEARD_BY_ANOTHER = 0.5
 """Chance that a line which one anchor hears is heard by another one, too."""
+
+HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
+"""Columns of anchors' places, after x, y and orientation: height above the agent as believed, and as told;
+which rise makes it another."""
 
 SUMS = 9
 """What `fitting` sums up of an anchor: misfit, degrees of freedom; gain times its precision, and

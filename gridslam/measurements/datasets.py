@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gridslam.io.datasets import Dataset, Group, Layout
-from gridslam.world.columns import MOST_STEPS, TABLE, UNMEASURED, Column
+from gridslam.world.columns import MOST_STEPS, NOT_MEASURED, TABLE, Column
 
 UNKNOWN = "not known"
 SIMULATED = (
@@ -22,7 +22,7 @@ def _of_column(one: Column) -> Dataset:
     return Dataset(
         one.name, one.unit, one.meaning, one.default, -1 if one.name == "anchor" else one.least, one.most,
         one.open, shape="M", kind="int64" if whole else "float64",
-        nan=UNMEASURED if one.default != "required" else "",
+        nan=NOT_MEASURED if one.default != "required" else "",
     )  # fmt: skip
 
 

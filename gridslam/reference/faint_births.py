@@ -13,7 +13,7 @@ from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.world.geometry import lean, trace, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS as BINS
 
-NEAR, OPEN, LEAST_DOUBT, MOST_LOG, MOST = 0.6, 0.5, 1e-9, 25.0, 50.0
+NEAR, HEARD_BY_ANOTHER, LEAST_DOUBT, MOST_LOG, MOST = 0.6, 0.5, 1e-9, 25.0, 50.0
 
 
 def bear_out(
@@ -40,7 +40,7 @@ def bear_out(
                         now[1, back] += ratio_of(gap, row, slope, spread[back], unsure, radio[j], level)
             seen[b] += (1 - now[0] / now[1]).max(1).sum()
             each = np.log(now).cumsum(1)
-            worlds += each if j == anchor else np.log(1 - OPEN + OPEN * np.exp(each))
+            worlds += each if j == anchor else np.log(1 - HEARD_BY_ANOTHER + HEARD_BY_ANOTHER * np.exp(each))
         silent, borne = np.exp(np.minimum(worlds, MOST)).mean(1)
         gain[b] = borne - silent
     return gain, np.rint(seen).astype(np.int64)

@@ -12,7 +12,7 @@ from gridslam.errors import InputError
 from gridslam.quantity import Quantity
 
 MOST_STEPS = 10_000_000
-UNMEASURED = "not measured"
+NOT_MEASURED = "not measured"
 
 
 Column = Quantity
@@ -20,7 +20,7 @@ Column = Quantity
 
 
 def _angle(name: str, most: float, meaning: str) -> Column:
-    return Column(name, "rad", meaning, UNMEASURED, -most, most)
+    return Column(name, "rad", meaning, NOT_MEASURED, -most, most)
 
 
 def _deviation(name: str, unit: str, of: str) -> Column:
@@ -36,11 +36,11 @@ TABLE = (
            "which anchor: a row of `/anchors`, a name in CSV files; -1, or nothing, where that isn't known",
            least=0),
     Column("distance_m", "m", "length of the path; where offsets of clocks are in it any number",
-           UNMEASURED, 0.0, open=True),
+           NOT_MEASURED, 0.0, open=True),
     _angle("aod_rad", 2 * np.pi, "direction in which it leaves the anchor, minus the anchor's orientation"),
     _angle("aoa_rad", 2 * np.pi,
            "direction from the agent to where it comes from, minus the agent's heading"),
-    Column("amplitude", "1", "square root of its SNR", UNMEASURED, 0.0, open=True),
+    Column("amplitude", "1", "square root of its SNR", NOT_MEASURED, 0.0, open=True),
     _deviation("distance_std_m", "m", "distance_m"),
     _deviation("aod_std_rad", "rad", "aod_rad"),
     _deviation("aoa_std_rad", "rad", "aoa_rad"),

@@ -6,6 +6,7 @@ from gridslam.kernels import FAINTEST, PATH_BLOCK, USUAL_REFLECTION
 from gridslam.kernels.primitives.blocks import Anchors, BirthRows
 from gridslam.kernels.primitives.device import ON_CPU
 from gridslam.kernels.primitives.functions import (
+    ROOT_TURN,
     TURN,
     angle_of,
     bearing_of,
@@ -45,7 +46,6 @@ from gridslam.kernels.primitives.tables import AMPLITUDE, AOA, AOD, DISTANCE, EX
 from gridslam.kernels.propagation.coefficients import BINS
 
 BLOCK = PATH_BLOCK
-ROOT_TURN = 2.5066282746310002
 CLOSE = 1e-4
 """Square of the distance (m^2) between a virtual and its anchor below which no line is made of them."""
 FAINT, SLIGHT = 1e-3, 1e-3

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from gridslam.kernels import OPEN
+from gridslam.kernels import HEARD_BY_ANOTHER
 from gridslam.kernels.management.births import known_std
 from gridslam.kernels.primitives.blocks import Anchors, Belief, Borne, Left
 from gridslam.kernels.primitives.corrections import inverse_of
@@ -219,7 +219,7 @@ def bear_out(
                         so_far = born.product[j, kind, n] * born.product[now, kind, n]
                         so_far = ti.min(ti.max(so_far, LEAST), MOST)
                         born.product[j, kind, n] = so_far
-                        share = so_far if j == anchor else 1 - OPEN + OPEN * so_far
+                        share = so_far if j == anchor else 1 - HEARD_BY_ANOTHER + HEARD_BY_ANOTHER * so_far
                         whole = born.product[world, kind, n] * share
                         born.product[world, kind, n] = ti.min(whole, MOST)
                 often += claimed

@@ -164,20 +164,22 @@ def unexplained(
 
 
 @ti.func
-def share_unknown(joint: ti.template(), covariance: ti.template(), slope, unknown, place, length):
+def by_unknown(place, length):
+    """Slope of a distance by what is unknown of its anchor: 1 by a clock, its steepness by a rise."""
+    slope = ti.f64(1.0)
+    if place[OPEN_HEIGHT] > 0.5:
+        slope = steepness_of(place, length)
+    return slope
+
+
+@ti.func
+def share_unknown(joint: ti.template(), covariance: ti.template(), slope, unknown, share):
     """Correlate the new line with all else by what is unknown of its anchor, which shortens its path."""
     size = covariance.shape[0]
-    if place[OPEN_HEIGHT] > 0.5:
-        steepness = steepness_of(place, length)
-        for i in range(size):
-            for r in ti.static(range(2)):
-                cross = joint[size + r, i] - steepness * slope[r, 3] * covariance[unknown, i]
-                joint[size + r, i], joint[i, size + r] = cross, cross
-    else:
-        for i in range(size):
-            for r in ti.static(range(2)):
-                cross = joint[size + r, i] - slope[r, 3] * covariance[unknown, i]
-                joint[size + r, i], joint[i, size + r] = cross, cross
+    for i in range(size):
+        for r in ti.static(range(2)):
+            cross = joint[size + r, i] - share * slope[r, 3] * covariance[unknown, i]
+            joint[size + r, i], joint[i, size + r] = cross, cross
 
 
 @quick
@@ -251,7 +253,7 @@ def initialise_surface(
                     cross += slope[r, e] * belief.covariance[entry[e], i]
                 out.joint[size + r, i], out.joint[i, size + r] = cross, cross
         if unknown >= 0:
-            share_unknown(out.joint, belief.covariance, slope, unknown, place, distance)
+            share_unknown(out.joint, belief.covariance, slope, unknown, by_unknown(place, distance))
         for r in ti.static(range(2)):
             for q in ti.static(range(2)):
                 own = slope[r, 3] * slope[q, 3] * std[0] ** 2 + slope[r, 4] * slope[q, 4] * angle_std**2
@@ -263,10 +265,7 @@ def initialise_surface(
                 for q in ti.static(range(2)):
                     so_far = out.joint[size + r, size + q]
                     own = out.joint[size + ti.max(r, q), unknown] * slope[ti.min(r, q), 3]
-                    if place[OPEN_HEIGHT] > 0.5:
-                        out.joint[size + r, size + q] = so_far - steepness_of(place, distance) * own
-                    else:
-                        out.joint[size + r, size + q] = so_far - own
+                    out.joint[size + r, size + q] = so_far - by_unknown(place, distance) * own
         out.fresh[size], out.fresh[size + 1] = normal, offset
         ends = (newest if last < 0 else last), (newest if first < 0 else first)
         if departs:

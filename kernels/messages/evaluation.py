@@ -10,7 +10,7 @@ from gridslam.kernels.messages.association import enter
 from gridslam.kernels.primitives.blocks import Amplitudes, Anchors, Drawing, Gating, Pairs, PathRows, Ratios
 from gridslam.kernels.primitives.corrections import inverse_of
 from gridslam.kernels.primitives.device import SPREAD, TASKS
-from gridslam.kernels.primitives.functions import wrapped
+from gridslam.kernels.primitives.functions import ROOT_TURN, wrapped
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import HEIGHT
 from gridslam.kernels.primitives.packing import pack
@@ -20,7 +20,6 @@ from gridslam.kernels.primitives.tables import ANCHOR, AS_CLUTTER, DISTANCE, LAB
 from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, prior_existence, weigh
 from gridslam.kernels.propagation.paths import densities
 
-ROOT_TURN = 2.5066282746310002
 GATE = 6.0
 """Deviations within reach."""
 MARGIN_M, MARGIN_RAD = 0.3, 0.3

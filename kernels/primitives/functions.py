@@ -4,7 +4,7 @@ import taichi as ti
 
 from gridslam.kernels.primitives.device import WIDE
 
-PI, TURN = 3.141592653589793, 6.283185307179586
+PI, TURN, ROOT_TURN = 3.141592653589793, 6.283185307179586, 2.5066282746310002
 
 
 @ti.func

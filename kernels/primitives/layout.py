@@ -11,11 +11,10 @@ Velocities aren't drawn.
 
 import taichi as ti
 
+from gridslam.kernels import GIVEN_HEIGHT, HEIGHT, RISE
+
 HEADING, CLOCKS = 4, 5
 """Entries of a view: the heading; the first difference of clocks, if there are any."""
-HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
-"""Columns of `Anchors.places` and of nothing else: height above the agent as believed, and as told; which
-rise makes it another."""
 FACING, LATE, ABOVE, OPEN_HEIGHT = 2, 3, 4, 5
 """Entries of an anchor's place after x and y, see `anchor_of`: orientation, rad; by how much its clock
 lengthens distances, m; how high it stands above the agent, m; whether that is unknown."""

@@ -22,7 +22,7 @@ from gridslam.kernels.primitives.tables import (
 )
 from gridslam.kernels.propagation.bundles import cell_of
 from gridslam.kernels.propagation.detections import place_again, spot
-from gridslam.kernels.propagation.path_messages import CHANCE, LENGTH, SHARE, SURFACES
+from gridslam.kernels.propagation.path_messages import HOW_LONG, OF_RAY, OF_SURFACES, SHARE
 
 BINS = 20
 """Bins of a coefficient's belief; products of two have twice as many nodes."""
@@ -110,9 +110,9 @@ def say(
     missed = ti.max(1 - summary[SHARE, row], 0.0)
     at_1m, samples = radio[path[row, ANCHOR], AT_1M], radio[path[row, ANCHOR], SAMPLES]
     for n in range(BINS):
-        level = at_1m / ti.max(summary[LENGTH, row], 1e-3) * other * (n + 0.5) / BINS
+        level = at_1m / ti.max(summary[HOW_LONG, row], 1e-3) * other * (n + 0.5) / BINS
         heard = detection_of(level, table, step)
-        log[n] = missed * logarithm_of(1 - summary[CHANCE, row] * heard + 1e-9)
+        log[n] = missed * logarithm_of(1 - summary[OF_RAY, row] * heard + 1e-9)
         for k in range(begin[row], begin[row + 1]):
             if detection[1, k] > FAINT:
                 if detection[0, k] >= 0:
@@ -219,7 +219,7 @@ def learn(
                         known.surface[last, n] = before / total
                 if send:
                     add_to_cells(
-                        log, messages.summary[SURFACES, row], rays_cast.drawn, known.where, known.held,
+                        log, messages.summary[OF_SURFACES, row], rays_cast.drawn, known.where, known.held,
                         known.used, frame, row, rays, bounces - turn,
                     )  # fmt: skip
 
@@ -270,6 +270,6 @@ def learn_ratios(
                     for n in range(BINS):
                         log[n] = ratio[row, bounces - 1 - corner, n]
                     add_to_cells(
-                        log, messages.summary[SURFACES, row], rays_cast.drawn, known.where, known.held,
+                        log, messages.summary[OF_SURFACES, row], rays_cast.drawn, known.where, known.held,
                         known.used, frame, row, rays, corner + 1,
                     )  # fmt: skip

@@ -3,12 +3,9 @@
 import taichi as ti
 
 from gridslam.kernels import LEAST_SENDING
-from gridslam.kernels.primitives.tables import AMPLITUDE, EXISTENCE, WORTH
-from gridslam.kernels.primitives.tables import CHANCE as CHANCE_BEFORE
-from gridslam.kernels.primitives.tables import LENGTH as LENGTH_COLUMN
-from gridslam.kernels.primitives.tables import SURFACES as SURFACES_BEFORE
+from gridslam.kernels.primitives.tables import AMPLITUDE, CHANCE, EXISTENCE, LENGTH, SURFACES, WORTH
 
-SURFACES, CHANCE, SHARE, LENGTH = range(4)
+OF_SURFACES, OF_RAY, SHARE, HOW_LONG = range(4)
 """Rows of `summary`: existence of a path's surfaces; chance that it is there, if they are; probability that
 it caused a measurement; its length."""
 
@@ -27,7 +24,7 @@ def note(
     for row in range(rows.path.shape[0]):
         for e in ti.static(range(4)):
             out.noted[n, e] = ti.select(fresh, rows.path[row, e], out.noted[n, e])
-        belief, total = ratios.odds[SURFACES_BEFORE, row] * ratios.odds[EXISTENCE, row], ti.f64(0.0)
+        belief, total = ratios.odds[SURFACES, row] * ratios.odds[EXISTENCE, row], ti.f64(0.0)
         out.factor[n, 0] = ti.select(fresh, belief * ratios.odds[WORTH, row] + 1 - belief, out.factor[n, 0])
         out.factor[n, 1] = 1.0 if belief > LEAST_SENDING else 0.0
         for pair in range(pairs.start[row], pairs.start[row + 1]):
@@ -35,11 +32,11 @@ def note(
             out.detection[1, k] = share[pair]
             total += share[pair]
             k += 1
-        out.summary[SURFACES, n] = ti.select(
-            fresh, ratios.odds[SURFACES_BEFORE, row], out.summary[SURFACES, n]
+        out.summary[OF_SURFACES, n] = ti.select(
+            fresh, ratios.odds[SURFACES, row], out.summary[OF_SURFACES, n]
         )
-        out.summary[CHANCE, n], out.summary[SHARE, n] = ratios.odds[CHANCE_BEFORE, row], total
-        out.summary[LENGTH, n] = rows.predicted[row, LENGTH_COLUMN]
+        out.summary[OF_RAY, n], out.summary[SHARE, n] = ratios.odds[CHANCE, row], total
+        out.summary[HOW_LONG, n] = rows.predicted[row, LENGTH]
         n += 1
         out.begin[n] = ti.select(fresh, k, out.begin[n])
     out.count[0], out.count[1] = n, k

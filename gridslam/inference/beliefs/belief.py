@@ -18,7 +18,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.layout import HEADING, StateLayout
 from gridslam.world.geometry import wrap
 
-JITTER = 1e-12
+LEAST_RIDGE = 1e-12
 """Added to correlations, since a view is singular where clocks are known."""
 Kind = TypeVar("Kind", bound="Belief")
 
@@ -253,7 +253,7 @@ def solved(covariance: Array, right: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(covariance), 0))
     scale[scale == 0] = 1.0
     even, own = covariance / np.outer(scale, scale), np.diag_indices(len(covariance))
-    for jitter in (0.0, JITTER, 1e3 * JITTER, 1e6 * JITTER):
+    for jitter in (0.0, LEAST_RIDGE, 1e3 * LEAST_RIDGE, 1e6 * LEAST_RIDGE):
         even[own] += jitter
         root, failed = dpotrf(even, lower=1, clean=0)
         if not failed:

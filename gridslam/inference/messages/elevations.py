@@ -22,12 +22,11 @@ from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
+from gridslam.kernels import GIVEN_HEIGHT, HEIGHT, RISE
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, slant, trace, wrap
 from gridslam.world.radio import RadioModel
 
-HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
-"""Columns of `FilterModel.places`."""
 LEAST_SHARE, LEAST_LEVEL_M = 1e-4, 1e-3
 """Probability below which a measurement corrects nothing; length seen from above that slopes are taken at."""
 NOTHING = 1e-30

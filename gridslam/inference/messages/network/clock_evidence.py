@@ -21,7 +21,7 @@ from gridslam.world.radio import REFLECTION_BINS, RadioModel
 from gridslam.world.scan import Scan
 
 TURN_DENSITY = 1 / (2 * np.pi)
-UNMEASURED = 2 * np.pi
+ANY_DIRECTION = 2 * np.pi
 """Variance of an angle of residual 0 whose normal density is that of any angle at all."""
 SURE_SURFACE = 0.9
 """Existence from which on a surface's single bounces tell of clocks, too."""
@@ -260,8 +260,8 @@ def _given_angles(value: Array, own: Array, measured: Array, deviation: Array) -
     turn, twist = np.where(missing, 0.0, residual[..., 1:]).transpose(2, 0, 1)
     noise = np.square(deviation)
     # joint covariance of the distance, one angle and the other; an angle without measurement has its own
-    one = np.where(missing[..., 0], UNMEASURED, own[:, 1, 1, None] + noise[..., 1])
-    other = np.where(missing[..., 1], UNMEASURED, own[:, 2, 2, None] + noise[..., 2])
+    one = np.where(missing[..., 0], ANY_DIRECTION, own[:, 1, 1, None] + noise[..., 1])
+    other = np.where(missing[..., 1], ANY_DIRECTION, own[:, 2, 2, None] + noise[..., 2])
     both = np.where(missing.any(-1), 0.0, own[:, 1, 2, None])
     near = np.where(missing[..., 0], 0.0, own[:, 0, 1, None])
     far = np.where(missing[..., 1], 0.0, own[:, 0, 2, None])

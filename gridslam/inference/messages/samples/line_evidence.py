@@ -19,7 +19,7 @@ from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.scans.leftovers import REFLECTIONS, LineEvidence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels import OPEN
+from gridslam.kernels import HEARD_BY_ANOTHER
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
@@ -151,7 +151,7 @@ def likeliest_line(by_line: LineEvidence, model: SignalModel) -> tuple[Array, Ar
     """The likeliest line (2,), its covariance, its odds and likelihood by `REFLECTIONS`; None if unsure."""
     angle, offset = by_line.angles(), by_line.offsets(model.radius_m)
     step = np.array([angle[1], offset[1] - offset[0]])
-    share = (1 - OPEN + OPEN * by_line.ratio).prod(0)
+    share = (1 - HEARD_BY_ANOTHER + HEARD_BY_ANOTHER * by_line.ratio).prod(0)
     weight = share.mean(-1)
     prior = 2 * MEMORY * model.birth_rate * step.prod()
     a, o = np.unravel_index(int(weight.argmax()), weight.shape)
