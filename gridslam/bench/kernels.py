@@ -256,7 +256,15 @@ def race(
     name: str, where: str, unit: str, units: int, seconds: float, share: float,
     launch: Callable[[], object], idle: Callable[[], object], twin: Callable[[], object],
 ) -> KernelSpeed:  # fmt: skip
-    """Time a kernel, its launch with one row, and its twin, whose time counts `share` times."""
+    """Time a kernel, its launch with one row, and its twin, whose time counts `share` times.
+
+    Parameters
+    ----------
+    unit, units : str, int
+        What a launch works on, and how many of these.
+    seconds : float
+        How long the kernel is launched again and again.
+    """
     launch()  # compiled
     took = repeated(launch, seconds)
     nothing = float(np.median(repeated(idle, 0.1 * seconds)))

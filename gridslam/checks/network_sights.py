@@ -85,7 +85,19 @@ def read_as_any(label: NDArray[np.intp], anchors: int) -> tuple[NDArray[np.intp]
 def distinct(
     columns: Columns, rows: NDArray[np.intp], table: Columns, sight: Sight, scene: Scene, name: str
 ) -> Links:
-    """The sure lines of sight whose distances agree but for one offset of each anchor."""
+    """The sure lines of sight whose distances agree but for one offset of each anchor.
+
+    Parameters
+    ----------
+    columns : dict of str to (K,)
+        The agent's whole table.
+    rows : (R,) int
+        Which of its rows each row of `table` is a reading of.
+    table : dict of str to (R,)
+        As `sight` was found in it: `anchor` is whose a row is read as.
+    name : str
+        The agent's.
+    """
     sure = sight.probability > SURE
     found, anchor = rows[sight.row[sure]], table["anchor"][sight.row[sure]]
     aod = columns["aod_rad"][found] + scene.anchor_orientations[anchor]

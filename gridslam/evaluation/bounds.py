@@ -299,7 +299,26 @@ def _widened(backward: Array, push: Array, variance: Array, heights: int) -> tup
 def agent_motion(
     scene: Scene, times: Array, step: int, surfaces: int, jitter: float = 0.0, feet: Array | None = None
 ) -> tuple[Array, Array, Array]:
-    """Inverse transition, noise inputs and their variances from the step before (see predict_information)."""
+    """Inverse transition, noise inputs and their variances from the step before (see predict_information).
+
+    Parameters
+    ----------
+    times : (K,) s
+        Of all steps.
+    step : int
+        From 1 on.
+    surfaces : int
+        How many, S.
+    jitter : float, m
+        Deviation of a surface's shift over a step, along its normal where it is hit; 0: surfaces stay.
+    feet : (S,) m, optional
+        Tangential coordinates of where they are hit, needed unless they stay.
+
+    Returns
+    -------
+    (backward, push, variance)
+        (N, N), (N, Q), (Q,), of N = 5 + 2 S entries; Q = 3 + 2 S noises, or 3 if surfaces stay.
+    """
     size = AGENT + 2 * surfaces
     dt = times[step] - times[step - 1]
     backward = np.eye(size)

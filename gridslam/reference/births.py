@@ -141,6 +141,24 @@ def initialise_surface(
     """Twin of `initialisation.initialise_surface`: mean, covariance, belief over the coefficient, and misfit.
 
     Lines are worked out at all inputs at once, and derivatives are differences.
+
+    Parameters
+    ----------
+    head : int
+        Entry of the mean where the lines begin.
+    anchor, m : int
+        Row of `places` and `radio`; row of `scan`.
+    places, radio : (J, 6), (J, 12)
+        As `blocks.Anchors` has them.
+    scan : (M, 10)
+        As `AnchorScan.table`.
+    last, first : int
+        Known surface hit last, first; -1 for the new one.
+
+    Returns
+    -------
+    (mean, covariance, reflection, misfit)
+        (N + 2,), (N + 2, N + 2), the new line last; (BINS,); float, in deviations.
     """
     amplitude, place, facing, radio = scan[m, 6], places[anchor, :2], places[anchor, 2], radio[anchor]
     value = scan[m, :3] - np.array([float(late(mean, head, anchor, places)), 0.0, 0.0])

@@ -147,7 +147,27 @@ def learn(
     head: int, step: float, mean: Array, table: Array, radio: Array, frame: Array, places: Array,
     rays_cast: Drawn, messages: Messages, known: Coefficients, hits: Hits,
 ) -> tuple[Array, Array, Array, Array, Long, Array]:  # fmt: skip
-    """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of all cells, and `mark`'s."""
+    """Twin of `coefficients.learn`: beliefs of surfaces, log-likelihoods of all cells, and `mark`'s.
+
+    Parameters
+    ----------
+    head : int
+        Entry of the mean where the lines begin.
+    step, table : float, (T,)
+        p_d over amplitudes 0, step, ...
+    mean : (N,)
+        Of the belief.
+    radio : (J, 12)
+    frame : (8,)
+        As `blocks.Cells` has it.
+    places : (J, 2 or more)
+        Of the anchors, x, y first, m.
+
+    Returns
+    -------
+    (surface, held, foot, extent, times, outermost)
+        Beliefs (S, BINS), log-likelihoods of all cells (ny, nx, BINS); (S,), (S, 2), (S,), (S, 8) of `mark`.
+    """
     (drawn, seen), (count, path, factor, summary, begin, detection) = rays_cast, messages
     surface, where, held = known.surface, known.where, known.held
     rays, path = len(drawn) // max(len(path), 1), path[: count[0]]
@@ -228,7 +248,23 @@ def mark(
     mean: Array, head: int, path: Whole, seen: Array, share: Array, places: Array, foot: Array, extent: Array,
     times: Long, outermost: Array,
 ) -> tuple[Array, Array, Long, Array]:  # fmt: skip
-    """Twin of `detections.mark`: where surfaces were hit, and how often they were seen, afterwards."""
+    """Twin of `detections.mark`: where surfaces were hit, and how often they were seen, afterwards.
+
+    Parameters
+    ----------
+    mean, head : (N,), int
+        Of the belief; its entry where the lines begin.
+    path : (L, 4)
+        Bounces, surfaces hit last and first, anchor.
+    seen : (L, 6)
+        Means of each path, as `blocks.Casting` has them.
+    share : (L,)
+        Probability that each caused a measurement.
+    places : (J, 2 or more)
+        Of the anchors, x, y first, m.
+    foot, extent, times, outermost : (S,), (S, 2), (S,), (S, 8)
+        As `blocks.Hits` has them, before; what is returned is the same after.
+    """
     rows = np.flatnonzero(share * seen[:, 1] > 0.5)
     # of each path the surface that it hits first, then the one that it hits last
     surface = np.where(path[rows, :1] == 2, path[rows, 2:0:-1], path[rows, 1:3])
@@ -274,7 +310,26 @@ def _reflected(line: Array, way: Array) -> Array:
 def fold_messages(
     message: Array, before: Array, clear: Whole, prior: float, clip: float, observed: Whole
 ) -> tuple[Array, Array, Array]:
-    """Twin of `occupancy.fold_messages`: evidence, which cells are observed, occupancy in both roles."""
+    """Twin of `occupancy.fold_messages`: evidence, which cells are observed, occupancy in both roles.
+
+    Parameters
+    ----------
+    message : (SLABS, N)
+        Sums of log ratios of each cell.
+    before : (N,)
+        Evidence, log odds without the prior.
+    clear, observed : (N,)
+        Above 0 next to an anchor; where something was observed before.
+    prior : float
+        Log odds of a cell in the role of being crossed.
+    clip : float
+        How far from 0 evidence may be.
+
+    Returns
+    -------
+    (evidence, observed, occupied)
+        (N,), (N,) bool, (2, N): of a traversed cell, of a hit one.
+    """
     total = message.sum(0, dtype=np.float64)
     evidence = np.clip(before + total, -clip, clip)
     both = 1 / (1 + np.exp(-np.stack([evidence + prior, evidence])))

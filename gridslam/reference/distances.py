@@ -31,9 +31,13 @@ def climb_distances(
 
     Parameters
     ----------
-    wavenumber, pulse, samples : (M,)
-    mean, weight, chance, start : (N,)
-    precision : (N, N)
+    wavenumber : (M,) rad/m
+    pulse, samples : (M,)
+    mean, start : (N,) m
+        Predicted distances, and where the search begins.
+    precision : (N, N) 1/m^2
+    weight, chance : (N,)
+        Mean power of each path, and chance that it is there.
     limits : (7,)
         As the kernel's.
     """

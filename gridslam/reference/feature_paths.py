@@ -20,6 +20,13 @@ def place_paths(
 ) -> tuple[Array, Array, Array, Array]:
     """Twin of `path_places.place_paths` for one anchor, without epsilon and its variances.
 
+    Parameters
+    ----------
+    state : (2, n + 1)
+        Where slopes are taken, and the prior's mean; the last entry is the error of the heading, rad.
+    prior : (n + 1, n + 1)
+        Covariance.
+
     Returns
     -------
     (numbers, off, towards, spread)
@@ -54,7 +61,24 @@ def multiply_paths(numbers: Array, samples: Complex, wave: Waveform) -> tuple[Ar
 def slope_paths(
     gram: Array, matched: Complex, power: Array, noise: float, energy: float, size: int
 ) -> tuple[Array, Array, float]:
-    """Twin of `path_slopes.slope_paths` for one anchor: score, curvature and log density."""
+    """Twin of `path_slopes.slope_paths` for one anchor: score, curvature and log density.
+
+    Parameters
+    ----------
+    gram, matched : (3 C, 3 C), (3 C,)
+        As `multiply_paths` makes them of C paths.
+    power : (C,)
+        Of the paths.
+    noise : float
+        The noise's power in each sample.
+    energy, size : float, int
+        Sum of the squares of all samples, and their number.
+
+    Returns
+    -------
+    (score, curvature, density)
+        (2 C,), (2 C, 2 C), by lengths, then angles; float
+    """
     count = len(power)
     root = np.sqrt(power)
     cross, met = gram[:, :count] * root, root * matched[:count]

@@ -126,10 +126,28 @@ def correct(
     mean: Array, covariance: Array, head: int, path: Whole, start: Whole, index: Whole, pair: Array,
     odds: Array, beta: Array, nu: Array, places: Array,
 ) -> tuple[Array, Array, Array, Array, Array, Array]:  # fmt: skip
-    """Twin of `gaussian.correct`.
+    """Twin of `corrections.correct`.
 
-    Mean, covariance, probabilities of the associations by pair and by path and measurement, normalisers, and
-    what was taken of each measurement.
+    Parameters
+    ----------
+    mean, covariance, head : (N,), (N, N), int
+        Of the belief; its entry where the lines begin.
+    path : (L, 4)
+        Bounces, surfaces hit last and first, anchor.
+    start, index, pair : (L + 1,), (K or more, 2), (K or more, 8)
+        As `blocks.Pairs` has them.
+    odds : (12, L)
+        Rows as in `primitives.tables`.
+    beta, nu : (L, M)
+        Messages from paths and from measurements.
+    places : (J, 6)
+        As `blocks.Anchors` has them.
+
+    Returns
+    -------
+    (mean, covariance, share, responsible, total, taken)
+        (N,), (N, N); probabilities of the associations by pair (K,) and by path and measurement (L, M);
+        normalisers (L,); what was taken of each measurement (M,).
     """
     count = int(start[-1])
     share, responsible = np.zeros(count), np.zeros(nu.shape)

@@ -93,7 +93,32 @@ def gate(
     belief: Array, nodes: Array, spreading: float, path: Whole, predicted: Array, scan: Array, chance: Array,
     step: float, places: Array, radio: Array, bandwidth: float, odds: Array,
 ) -> tuple[Whole, Array, Array, Array, Array]:  # fmt: skip
-    """Twin of `gating.gate`: index, table and inverse covariance of the pairs; p_d; strength."""
+    """Twin of `evaluation.gate`: index, table and inverse covariance of the pairs; p_d; strength.
+
+    Parameters
+    ----------
+    belief, nodes : (L, B), (B,)
+        Belief of every path's amplitude; amplitudes of the nodes, at 1 m if `spreading`.
+    spreading : float
+        1 if amplitudes fall with the path's length, else 0.
+    path, predicted : (L, 4), (L, 15)
+        As `blocks.PathRows` has them.
+    scan : (M, 10)
+        As `AnchorScan.table`.
+    chance, step : (T,), float
+        p_d over amplitudes 0, step, ...
+    places, radio : (J, 6), (J, 12)
+        As `blocks.Anchors` has them.
+    bandwidth : float
+        Share of the belief's covariance.
+    odds : (12, L)
+        Of which the first three rows are given.
+
+    Returns
+    -------
+    (index, pair, inverse, detected, strength)
+        (K, 2), (K, 8) as `blocks.Pairs` has them, (K, 3, 3), (L,), (2, L, M)
+    """
     worth = odds[:3].prod(0)
     detected, strength = weigh(belief, nodes, spreading, path, predicted, worth, scan, chance, step, radio)
     value, spread = predicted[:, None, :3], predicted[:, 3:12].reshape(-1, 3, 3)
@@ -126,7 +151,15 @@ def gate(
 def enter(
     blocks: Array, start: Whole, index: Whole, pair: Array, odds: Array, message: Array, measured: Array
 ) -> tuple[Array, Array, Array]:
-    """Twin of `association.enter`: odds, message and measured with what it writes."""
+    """Twin of `association.enter`: odds, message and measured with what it writes.
+
+    Parameters
+    ----------
+    blocks, start, index, pair
+        (L + K or more, P / PATH_BLOCK), (L + 1,), (K or more, 2), (K or more, 8), as `blocks.Pairs` has them.
+    odds, message, measured : (12, L), (5, L, M), (5, M)
+        Rows as in `primitives.tables`; copies are returned.
+    """
     paths, particles, count = odds.shape[1], PATH_BLOCK * blocks.shape[1], start[-1]
     odds, message, measured = odds.copy(), message.copy(), measured.copy()
     mean = blocks.sum(1, dtype=np.float64) / particles
@@ -150,7 +183,21 @@ def evaluate(
     spreading: float, step: float, head: int, bandwidth: float, amplitudes: Amplitudes, rows: PathRows,
     scan: Array, anchors: Anchors, drawing: Drawing, ratios: Ratios,
 ) -> dict[str, Array | Whole]:  # fmt: skip
-    """Twin of `evaluation.evaluate`: what it writes, by the names of the blocks' arrays."""
+    """Twin of `evaluation.evaluate`: what it writes, by the names of the blocks' arrays.
+
+    Parameters
+    ----------
+    spreading : float
+        1 if amplitudes fall with the path's length, else 0.
+    step : float
+        Of the table of p_d.
+    head : int
+        Entry of the belief where the lines begin.
+    bandwidth : float
+        Share of the belief's covariance.
+    scan : (M, 10)
+        As `AnchorScan.table`.
+    """
     (probability, nodes, chance), (path, predicted), (odds, message, measured) = amplitudes, rows, ratios
     index, pair, inverse, detected, _ = gate(
         probability, nodes, spreading, path, predicted, scan, chance, step, *anchors, bandwidth, odds

@@ -23,7 +23,30 @@ def lines_of(state: Array, head: int = AGENT) -> Array:
 def densities(
     state: Array, head: int, path: Whole, places: Array, start: Whole, pair: Array, block: int
 ) -> tuple[Array, Array]:
-    """Twin of `paths.densities`: sums of densities and counts of valid particles, by blocks."""
+    """Twin of `paths.densities`: sums of densities and counts of valid particles, by blocks.
+
+    Parameters
+    ----------
+    state : (3 + 3 S (+ J), P)
+        Particles, as `draw` makes them.
+    head : int
+        Entry of the belief where the lines begin.
+    path : (L, 4)
+        Bounces, surfaces hit last and first, anchor.
+    places : (J, 6)
+        As `blocks.Anchors` has them.
+    start : (L + 1,)
+        Where the pairs of each path begin.
+    pair : (K, 9 or more)
+        Measured value (3), and inverse covariance: its diagonal (3), then entries 01, 02 and 12.
+    block : int
+        Particles in a block, of which P is a multiple.
+
+    Returns
+    -------
+    (weight, valid)
+        (K, P / block), (L, P / block)
+    """
     particles = state.shape[1]
     blocks = particles // block
     weight, valid = np.zeros((start[-1], blocks)), np.zeros((len(path), blocks))

@@ -59,12 +59,16 @@ def weigh_rings(
 
     Parameters
     ----------
+    weight : (R, K)
+        Hypotheses of weight 0 stay as they are.
     logs : (R, G)
         Log ratios of each ring's path at all distances of a folding range.
     limits : (6,)
         As the kernel's.
     place : (I,)
         Where a hypothesis looks, in deviations.
+    mean, covariance : (R, K, 6), (R, K, 6, 6)
+        Of x, y, vx, vy of the agent and x, y of the image.
     """
     spacing, nearest, doubt, stays = limits[:4]
     live = weight > 0

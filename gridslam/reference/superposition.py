@@ -34,10 +34,21 @@ def superpose(
 ) -> tuple[Complex, Complex, Array, Array, Array, Array]:
     """Twin of `superposition.superpose`, by the whole covariance of the samples (A, B, M).
 
+    Parameters
+    ----------
+    factors : (2, N, M), (2, N, A), (2, N, B)
+        Of N paths, as `respond` makes them.
+    weight : (N,)
+        Mean power of each path.
+    noise : float
+        The noise's power in each sample.
+    believed : (N,) complex128, optional
+        Amplitudes at which the information is; default: those found.
+
     Returns
     -------
     (amplitude, matched, own, gradient, information, sums)
-        (N,), (N,), (N,), (N, 3), (N, 3, N, 3), (3,)
+        (N,), (N,), (N,), (N, 3), (N, 3, N, 3), (3,); sums: log density, power left, samples' worth of that.
     """
     delay, leaving, arriving = (np.conj(factor) for factor in factors)
     kinds = [

@@ -31,7 +31,7 @@ def exist(
     path: Whole, odds: Array, ratio: Array, nu: Array, surface: Array, sight: Array, single: Array,
     double: Array,
 ) -> tuple[Array, Array, Array, Array, Array]:  # fmt: skip
-    """Twin of `existence.exist`: surfaces, lines of sight, rays over one and two; worth (L,)."""
+    """Twin of `updates.exist`: surfaces, lines of sight, rays over one and two; worth (L,)."""
     bounces, last, first, anchor = path.T
     there, surfaces, detected, possible, known = odds[[0, 1, 3, 4, 5]]
     worth = (nu * ratio).sum(1) + 1 - detected
@@ -103,7 +103,19 @@ def effective_sample_size(blocks: Array) -> Array:
 def note(
     rows: PathRows, pairs: Pairs, odds: Array, worth: Array, scan: Array, share: Array, messages: Messages
 ) -> dict[str, NDArray[Any]]:
-    """Twin of `path_messages.note`: what it writes, by the names of its arguments."""
+    """Twin of `path_messages.note`: what it writes, by the names of its arguments.
+
+    Parameters
+    ----------
+    odds : (12, L)
+        Rows as in `primitives.tables`.
+    worth : (L,)
+        As `exist` finds it.
+    scan : (M, 10)
+        As `AnchorScan.table`.
+    share : (K or more,)
+        Probability of each pair's association.
+    """
     (path, predicted), (count, noted, factor, summary, begin, detection) = rows, messages
     start, index = pairs.start, pairs.index
     (n, k), paths, pairs_now = count, len(path), start[-1]
@@ -132,7 +144,17 @@ def update(
     head: int, rounds: int, belief: Belief, rows: PathRows, pairs: Pairs, ratios: Ratios, scan: Array,
     anchors: Anchors, existence: Existence, account: Account, messages: Messages,
 ) -> dict[str, NDArray[Any]]:  # fmt: skip
-    """Twin of `updates.update`: what it writes, by the names of the blocks' arrays."""
+    """Twin of `updates.update`: what it writes, by the names of the blocks' arrays.
+
+    Parameters
+    ----------
+    head : int
+        Entry of the mean where the lines begin.
+    rounds : int
+        Of association at most; 0 where it was done elsewhere.
+    scan : (M, 10)
+        As `AnchorScan.table`.
+    """
     (path, predicted), (start, index, pair, blocks), (odds, message, measured) = rows, pairs, ratios
     ratio, beta, claim, nu, _ = message
     *before, claimed, _ = measured

@@ -140,6 +140,20 @@ def take_turns(
     """Every agent's turn after those before it; an agent that isn't there has none.
 
     One that is lost hears what all have mapped, and teaches nothing until it is followed again.
+
+    Parameters
+    ----------
+    earlier_s : float or None
+        Time of the step before; None at the first.
+    work : tuple of Workspace
+        One for every agent.
+    turn : callable
+        One agent's turn; see `Turn`.
+
+    Returns
+    -------
+    (state, infos)
+        infos: what happened in every agent's turn; None for one that isn't there.
     """
     infos = list[StepInfo | None]()
     for agent, (own_scan, own_model, own_work) in enumerate(zip(scan.scans, model.agents, work, strict=True)):
@@ -195,7 +209,19 @@ def turn(
     model: FilterModel,
     work: Workspace,
 ) -> tuple[State, StepInfo]:
-    """One agent's messages about its view: those of adaptive SLAM, over the paths of all anchors at once."""
+    """One agent's messages about its view: those of adaptive SLAM, over the paths of all anchors at once.
+
+    Parameters
+    ----------
+    state : State
+        The agent's view.
+    agent : int
+        Its index.
+    network : NetworkState
+        What all believe as the turn begins.
+    earlier_s : float or None
+        Time of the step before; None at the first.
+    """
     exchanges, calibration_used = list[Exchange](), state.calibration
     model = work.calibrated(model, calibration_used.turned)
     senders = bearing_anchors(network, agent)
@@ -240,7 +266,15 @@ def by_anchor(
     state: State, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
     work: Workspace,
 ) -> tuple[State, Sequence[AnchorScan]]:  # fmt: skip
-    """A scan by anchors where it says whose it is, else whole; with all known, a lost agent is found."""
+    """A scan by anchors where it says whose it is, else whole; with all known, a lost agent is found.
+
+    Arguments are those of `turn`.
+
+    Returns
+    -------
+    (state, scans)
+        scans: of one anchor each, the surest first; or one of all.
+    """
     if not network.labelled:
         return state, [work.once(whole_scan, scan, model)]
     scans = split_by_anchor(scan, model)

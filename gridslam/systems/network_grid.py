@@ -73,7 +73,10 @@ def turn(
     state: State, agent: int, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
     work: Workspace,
 ) -> tuple[State, StepInfo]:  # fmt: skip
-    """One agent's messages about its view: those of grid SLAM, over the paths of all anchors at once."""
+    """One agent's messages about its view: those of grid SLAM, over the paths of all anchors at once.
+
+    Arguments are those of `network.turn`.
+    """
     exchanges, calibration_used = list[Exchange](), state.calibration
     model = work.calibrated(model, calibration_used.turned)
     senders = bearing_anchors(network, agent)

@@ -297,7 +297,7 @@ def trace(
     agent: Array, anchor: Array, last: Array, first: Array, bounces: NDArray[np.intp],
     height: Array | float = 0.0,
 ) -> PathGeometry:  # fmt: skip
-    """As `course`, and derivatives."""
+    """As `course`, of the same arguments, with derivatives (L, 3, 7)."""
     single, double = bounces == 1, bounces == 2
     path = course(agent, anchor, last, first, bounces, height)
     toward = unit(path.arrival)

@@ -62,7 +62,13 @@ def tell_path(
     identity: ti.template(), at_1m, table: ti.template(), drawn: ti.template(), number: ti.template(),
     quantity: ti.template(),
 ):  # fmt: skip
-    """Write one path's row: by which surfaces, and its parameters; `drawn` has its corners."""
+    """Write one path's row: by which surfaces, and its parameters; `drawn` has its corners.
+
+    Row `row` of `path` (room, 4), `drawn` (room, 13), `number` (room, 3) and `quantity` (room, 13), as
+    `blocks.Description` has them; `existence` is that of ray and surfaces, `mean` (N,) the belief's, `head`
+    its entry where the lines begin, `places` (J, 6) of anchors, `identity` (S,) and `table` (S, 16) of
+    surfaces, `at_1m` the amplitude of a line of sight 1 m long.
+    """
     bounces, last, first, anchor = path[row, BOUNCES], path[row, LAST], path[row, FIRST], path[row, ANCHOR]
     place = anchor_of(places, mean, head, anchor)
     value, _slope = path_of(mean, head, place, bounces, last, first)

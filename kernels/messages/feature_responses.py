@@ -70,7 +70,12 @@ def place_features(
     element: ti.template(), table: ti.template(), step: ti.template(), reach: ti.template(),
     scratch: ti.template(), sloped: ti.template(),
 ):  # fmt: skip
-    """Lengths, responses and matched outputs of the line of sight (row D) and of all features."""
+    """Lengths, responses and matched outputs of the line of sight (row D) and of all features.
+
+    At `SIDE` points from `p` on, into row `lane` of scratch, by `pairs` antennas as of `pairs_of`; `sloped`:
+    whether slopes of matched outputs are written. All else, with its shapes, is as of
+    `feature_likelihood.evaluate_features`.
+    """
     count, root = features.shape[0], ti.sqrt(ti.f64(element.shape[0]) / pairs)
     per_fold = reach[0] / (table.shape[2] - 1)
     heading = column(points, p, 2)

@@ -119,7 +119,15 @@ def predict(
 def move_agent(
     mean: Array, covariance: Array, first: int, dt: float, acceleration: float, heading: float
 ) -> None:  # fmt: skip
-    """Near-constant velocity, random-walk heading of the agent whose entries begin at `first`; in place."""
+    """Near-constant velocity, random-walk heading of the agent whose entries begin at `first`; in place.
+
+    Parameters
+    ----------
+    mean, covariance : (N,), (N, N)
+        Of the joint belief; changed.
+    dt, acceleration, heading : float; s, m/s^2, rad
+        The step's length; deviation of the acceleration within it, and of the heading's walk over it.
+    """
     carry(mean, covariance, slice(first, first + 2), slice(first + 2, first + 4), dt)
     place, speed = 0.5 * acceleration * dt**2, acceleration * dt
     for axis in (first, first + 1):

@@ -232,7 +232,7 @@ class Sight(NamedTuple):
         cls, scans: Sequence[AnchorScan], deviations: Array, belief: Belief, turned: Array,
         model: FilterModel,
     ) -> Self:  # fmt: skip
-        """Those of a scan; arguments as of `SightWatch.looked`."""
+        """Those of a scan; arguments as of `SightWatch.looked`, `turned` (J,), rad, as of its calibration."""
         whole, mean = whole_of(scans), belief.mean
         place = model.places[whole.label]
         step = mean[:2] - place[:, :2]

@@ -158,7 +158,17 @@ def weigh_elevations(
     state: State, scan: AnchorScan, paths: PredictedPaths, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> LikelihoodRatios:  # fmt: skip
-    """Likelihood ratios, with the factor of the elevations; docs/model.md, (M302)."""
+    """Likelihood ratios, with the factor of the elevations; docs/model.md, (M302).
+
+    Parameters
+    ----------
+    scan : AnchorScan
+        M measurements; unless it `tells` of elevations, the ratios stay the same object.
+    paths : PredictedPaths
+        The L paths that the ratios (L, M) are of.
+    radio : RadioModel
+        As the anchor's radio seems to be.
+    """
     if not tells(scan, radio):
         return ratios
     seen, foreseen = Seen.of(scan, radio), Foreseen.of(state.belief, paths.rays, model)
@@ -170,7 +180,17 @@ def weigh_births(
     births: Births, state: State, scan: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Births, LikelihoodRatios]:  # fmt: skip
-    """Births, of paths over walls alone, by their elevations, and the ratios with their sums; (M303)."""
+    """Births, of paths over walls alone, by their elevations, and the ratios with their sums; (M303).
+
+    Parameters
+    ----------
+    births : Births
+        B hypotheses, of rows of `scan`; unless that `tells` of elevations, both stay the same objects.
+    ratios : LikelihoodRatios
+        Of the scan's M measurements.
+    radio : RadioModel
+        As the anchor's radio seems to be.
+    """
     if not tells(scan, radio) or not len(births):
         return births, ratios
     m, seen = births.measurement.astype(np.intp), Seen.of(scan, radio)

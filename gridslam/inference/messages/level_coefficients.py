@@ -31,7 +31,24 @@ def learn_levels(
     state: State, scan: AnchorScan, paths: PredictedPaths, exchange: Exchange, radio: RadioModel,
     model: FilterModel,
 ) -> State:  # fmt: skip
-    """Beliefs about coefficients of floor and ceiling after an association; docs/model.md, (M305)."""
+    """Beliefs about coefficients of floor and ceiling after an association; docs/model.md, (M305).
+
+    Parameters
+    ----------
+    scan : AnchorScan
+        M measurements.
+    paths : PredictedPaths
+        The L paths they were associated with.
+    exchange : Exchange
+        Of these: probability that a path caused a measurement (L, M), and is there (L,).
+    radio : RadioModel
+        As the anchor's radio seems to be.
+
+    Returns
+    -------
+    State
+        With new `levels` (W, 50); the same object where it has none.
+    """
     if state.levels is None:
         return state
     levels, image = state.levels.copy(), paths.rays.anchor // model.senders

@@ -100,7 +100,19 @@ def update_rings(
     radio: RadioModel,
     model: FilterModel,
 ) -> State:
-    """Rings follow the belief's update by an anchor's measurements, are updated themselves, and begin."""
+    """Rings follow the belief's update by an anchor's measurements, are updated themselves, and begin; (M45).
+
+    Parameters
+    ----------
+    before : State
+        Before the belief's update; `state` is after it.
+    scan : AnchorScan
+        M measurements of the anchor.
+    tentative : Tentative
+        What `associate_with_rings` left of them.
+    radio : RadioModel
+        As the anchor's radio seemed to be then.
+    """
     state = follow_belief(before, state)
     rings = require(state)
     worth = judge(rings, scan, detection_table(model.radio), radio)

@@ -33,6 +33,22 @@ def leave_sights(
 
     For each line of sight that is believed in that measurement alone which fits it best: a wall behind an
     anchor is heard as loud and nearly as soon.
+
+    Parameters
+    ----------
+    births : Births
+        B hypotheses, of rows of `scan`.
+    paths : PredictedPaths
+        L paths, of which the lines of sight are asked.
+    ratios : LikelihoodRatios
+        Of these paths and the scan's M measurements.
+    radio : RadioModel
+        As the anchor's radio seems to be.
+
+    Returns
+    -------
+    (births, ratios)
+        The same objects where no birth is left out.
     """
     if not len(births):
         return births, ratios

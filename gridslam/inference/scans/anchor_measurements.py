@@ -94,7 +94,10 @@ class AnchorScan:
         cls, anchor: int, position: Array, orientation: float, value: Array, own_std: Array, amplitude: Array,
         threshold: float = 0.0, height: float = 0.0,
     ) -> AnchorScan:  # fmt: skip
-        """Measurements given one by one; `threshold` is the amplitude from which on the radio detects."""
+        """Measurements given one by one: values and their deviations (M, 3), amplitudes (M,).
+
+        `threshold` is the amplitude from which on the radio detects; all are labelled with their anchor.
+        """
         label = np.full(len(amplitude), anchor)
         table = _table(value, own_std, amplitude, label, threshold)
         return cls(anchor, position, orientation, height, value, own_std, amplitude, label, table)

@@ -71,7 +71,17 @@ class Leftovers:
         self, pose: Array, covariance: Array, anchor: NDArray[np.int64], value: Array, std: Array,
         amplitude: Array,
     ) -> Self:  # fmt: skip
-        """These and what is left of one more step; the oldest are forgotten."""
+        """These and what is left of one more step; the oldest are forgotten.
+
+        Parameters
+        ----------
+        pose, covariance : (3,), (3, 3)
+            Position (m) and heading (rad) as believed after that step.
+        anchor : (H,) int64
+        value, std : (H, 3)
+            Distance (m), AoD and AoA (rad), and their deviations.
+        amplitude : (H,)
+        """
         recent = int(self.back.searchsorted(MEMORY - 1))
         recent_rows, steps = slice(max(min(recent, MOST - len(anchor)), 0)), slice(MEMORY - 1)
         return type(self)(

@@ -168,7 +168,23 @@ class SurfaceBank:
         seen: int = 0,
         extent: Array | None = None,
     ) -> SurfaceBank:
-        """Append a new surface; `bearer` is (anchor, last, first) of the ray that bore it, -1 for itself."""
+        """Append a new surface.
+
+        Parameters
+        ----------
+        reflection : (BINS,)
+            Belief over its coefficient.
+        foot : float, m
+            Tangential coordinate of where it is taken to be hit.
+        bearer : tuple of int
+            Anchor, and rows of the surfaces hit last and first, of the ray that bore it; -1 for itself.
+        owner : int
+            The one anchor that it serves; -1 for all.
+        age, seen : float, int
+            See the attributes.
+        extent : (2,) m, optional
+            Tangential stretch that was hit; default: unknown, NaN.
+        """
         count, anchors = len(self), len(self.single)
         single, double = np.empty((anchors, count + 1)), np.empty((anchors, count + 1, count + 1))
         single[:, :count], single[:, count] = self.single, FRESH_SINGLE

@@ -62,7 +62,17 @@ def conclude(
     state: HybridState, moments: Moments, learned: Learned, heading_rad: float, seconds: Mapping[str, float],
     model: SignalModel,
 ) -> HybridInfo:  # fmt: skip
-    """What a step reports of the state after it."""
+    """What a step reports of the state after it.
+
+    Parameters
+    ----------
+    moments : Moments
+        Of the agent after the step, before any resampling.
+    heading_rad : float
+        As measured.
+    seconds : mapping of str to float
+        What the step took so far, by stage.
+    """
     from gridslam.inference.messages.features.sight import los_power
 
     cloud, joint = state.particles, state.joint

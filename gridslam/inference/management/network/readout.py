@@ -68,7 +68,17 @@ def network_estimate(
     population: Population[NetworkState], scan: NetworkScan, infos: Sequence[StepInfo | None],
     model: NetworkModel, began: float, *, works: Sequence[Workspace],
 ) -> NetworkEstimate:  # fmt: skip
-    """MMSE estimates of agents, surfaces and clocks; the step began at `began`, `time.perf_counter`."""
+    """MMSE estimates of agents, surfaces and clocks.
+
+    Parameters
+    ----------
+    infos : sequence of StepInfo or None
+        What happened in every agent's turn, by agents as in the model; None for one that wasn't there.
+    began : float
+        When the step began, by `time.perf_counter`, s.
+    works : sequence of Workspace
+        One for every agent.
+    """
     state, found = population.best, dict[str, Estimate | None]()
     labels = dict[str, NDArray[np.intp]]()
     for agent, (name, anchor_scan, info) in enumerate(zip(model.names, scan.scans, infos, strict=True)):

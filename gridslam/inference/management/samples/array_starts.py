@@ -41,7 +41,15 @@ def advance(
     population: Population[State], scan: SignalScan, model: SignalModel, work: Workspace, start: Start,
     step: Step,
 ) -> tuple[Population[State], StepInfo]:  # fmt: skip
-    """One step: of the state, once the start is found; until then the prior moves on and maps nothing."""
+    """One step: of the state, once the start is found; until then the prior moves on and maps nothing.
+
+    Parameters
+    ----------
+    start : callable
+        Makes the state before the first step from a model.
+    step : callable
+        Takes one step of a method: state, scan, model and workspace to the new state and what happened.
+    """
     if not population.searching:
         population = challenged(population, scan, start, model, work)
         state, info = step(population.best, scan, model, work)

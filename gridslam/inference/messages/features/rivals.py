@@ -146,7 +146,7 @@ class Lesson:
     def of(
         cls, state: HybridState, segment: Segment, judged: int, front: Front, model: SignalModel
     ) -> Lesson:
-        """That of a state's segment."""
+        """That of a state's segment, of the last `judged` steps of which no feature is made."""
         before, samples = state.before, segment.samples
         looks = segment if len(segment) <= START_STEPS else segment.first(0)
         return cls(

@@ -50,7 +50,10 @@ def update_beside_strangers(
     belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
     step: int, start: Array | None = None, hidden: NDArray[np.bool_] | None = None,
 ) -> tuple[JointBelief, float]:  # fmt: skip
-    """As `joint_update.update`, beside paths of this step alone, where evidence asks for any."""
+    """As `joint_update.update`, beside paths of this step alone, where evidence asks for any; (M526).
+
+    Arguments are those of `beside_strangers`; the number of paths is left out.
+    """
     found, evidence, _ = beside_strangers(belief, samples, audible, heading_rad, model, step, start, hidden)
     return found, evidence
 
@@ -59,7 +62,24 @@ def beside_strangers(
     belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
     step: int, start: Array | None = None, hidden: NDArray[np.bool_] | None = None,
 ) -> tuple[JointBelief, float, int]:  # fmt: skip
-    """The same, and beside how many."""
+    """The belief after one step's samples, the log of their evidence, and beside how many strangers; (M526).
+
+    What strangers tell is kept, they themselves are not.
+
+    Parameters
+    ----------
+    belief : JointBelief
+        As predicted.
+    samples : (J, N, M)
+    audible : (J,) bool
+        Anchors that are heard.
+    heading_rad : float
+        As measured.
+    step : int
+        Number of the step.
+    start, hidden : (4,), (J,) bool, optional
+        As of `joint_update.update`.
+    """
     found, evidence = update(belief, samples, audible, heading_rad, model, step, start, hidden)
     heard, wider, known = np.flatnonzero(audible), belief, len(belief.features)
     usual = -sum(samples[0].size * (1 + np.log(np.pi * found.noise[j])) for j in heard)

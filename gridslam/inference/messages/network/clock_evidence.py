@@ -137,7 +137,8 @@ def sights_evidence(
 ) -> Array:
     """Log evidence of one agent's lines of sight about some anchors' clocks, whatever was mapped; (M531).
 
-    Arguments and value are those of `agent_evidence`; all that isn't a line of sight counts as unknown.
+    Arguments and value (J, C) are those of `agent_evidence`; all that isn't a line of sight counts as
+    unknown.
     """
     radio, paths = model.radio, predict_every_path(bare, model, work=work)
     direct = np.flatnonzero(paths.rays.bounces == 0)

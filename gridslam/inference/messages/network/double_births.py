@@ -35,6 +35,17 @@ def without_double_bounces(
     Their measurements stay as new as they were: something unknown sent them. Without an arrival nothing is
     born meanwhile, (M558). Where clocks or the position are known, or no path bounces twice, the births stay
     the same object.
+
+    Parameters
+    ----------
+    births : Births
+        B hypotheses, of rows of `scan`.
+    cloud : Cloud
+        The particles that the ratios were evaluated at.
+    radio : RadioModel
+        As the anchor's radio seems to be.
+    senders : (A,) int32
+        Anchors whose paths may bear surfaces.
     """
     x, y = state.belief.covariance.diagonal()[:2].tolist()
     if not (len(births) and state.belief.clocks and model.max_bounces > 1 and x + y > KNOWN_M**2):

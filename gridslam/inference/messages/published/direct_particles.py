@@ -161,7 +161,24 @@ def new_features(
     state: ParticleState, anchor: int, expected: Expected, band: Band, samples: Complex, position: Array,
     draw: np.random.Generator,
 ) -> Features:  # fmt: skip
-    """New features, one per delay cell at most, each a ring about the agent."""
+    """New features, one per delay cell at most, each a ring about the agent: [LiangDirect], section II-B.
+
+    Parameters
+    ----------
+    anchor : int
+        Index of the anchor.
+    expected : Expected
+        What its features let expect.
+    samples : (M,)
+        Of one antenna.
+    position : (2,) m
+        Of the anchor.
+
+    Returns
+    -------
+    Features
+        At most M, of P particles each, numbered from `state.next_identity` on.
+    """
     rate = max(BIRTHS, FIRST_BIRTHS * float(np.exp(-state.step / FIRST_STEPS)))
     inverse = np.linalg.inv(expected.covariance()).astype(np.complex128)
     blank = np.zeros((0, 3, len(band)), np.complex128)

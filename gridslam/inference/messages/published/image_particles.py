@@ -266,7 +266,20 @@ def born_images(
     state: ImageState, scan: AnchorScan, new: NewImages, found: Marginals, model: FilterModel,
     draw: np.random.Generator,
 ) -> Features:  # fmt: skip
-    """New virtual anchors that are likely enough to be kept: supporting document, (46), (47)."""
+    """New virtual anchors that are likely enough to be kept: supporting document, (46), (47).
+
+    Parameters
+    ----------
+    new : NewImages
+        What `propose_images` makes of the scan's M measurements.
+    found : Marginals
+        What the association says the known features claim of them.
+
+    Returns
+    -------
+    Features
+        At most M, of P particles each, drawn by weight, numbered from `state.next_identity` on.
+    """
     existence = new.odds / (1 + new.odds + found.claimed)
     rows = np.flatnonzero(existence > model.settings.prune_below)
     count, size = len(state.agent), len(rows)

@@ -144,7 +144,19 @@ def take_snapshot(
     state: State, anchor: int, scan: SignalScan, paths: PredictedPaths, visible: Visibility,
     amplitudes: Reflected, model: SignalModel, *, work: Workspace,
 ) -> Snapshot:  # fmt: skip
-    """One anchor's snapshot, beside what is predicted of it."""
+    """One anchor's snapshot, beside what is predicted of it.
+
+    Parameters
+    ----------
+    state : State
+        With a noise power of the anchor: see `start_noise`.
+    anchor : int
+        Index of the anchor whose samples (A, B, M) are taken.
+    paths : PredictedPaths
+        L paths of that anchor.
+    visible, amplitudes : Visibility, Reflected
+        Of the same paths.
+    """
     assert state.noise is not None
     band: ArrayBand = work.buffers(ArrayBand.of, anchor, model.waveform, anchor)
     length = np.maximum(paths.prediction.length, 1e-3)

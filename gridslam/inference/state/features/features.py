@@ -64,7 +64,7 @@ class FeatureBank:
         return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def add(self, identity: int, anchor: int, origin_m: Array, power: float, step: int) -> Self:
-        """One more, heard at this step for the first time."""
+        """One more at an origin (2,), m, with a power at 1 m, heard at this step for the first time."""
         row = type(self)(
             np.array([identity]), np.array([anchor]), np.reshape(origin_m, (1, 2)), np.array([power]),
             np.array([0]), np.array([step]), np.ones(1),

@@ -170,7 +170,18 @@ class Segment:
         self, time_s: float, heading_rad: float, audible: NDArray[np.bool_], samples: NDArray[np.complex128],
         agent: Array, evidence: float,
     ) -> Self:  # fmt: skip
-        """One more step."""
+        """One more step.
+
+        Parameters
+        ----------
+        audible : (J,) bool
+            Anchors that were heard.
+        samples : (J, N, M) complex128
+        agent : (4,)
+            Mean of x, y (m), vx, vy (m/s).
+        evidence : float
+            Log of the step's evidence.
+        """
         return type(self)(
             np.append(self.time_s, time_s), np.append(self.heading_rad, heading_rad),
             np.concatenate([self.heard, audible[None]]), np.concatenate([self.samples, samples[None]]),
