@@ -82,7 +82,7 @@ def raster(name: str, table: Columns, std: Array) -> list[Suspicion]:
     _, first, often = np.unique(np.round(gaps / (ALIKE * usual)), return_index=True, return_counts=True)
     step = float(gaps[first[np.argmax(often)]])
     turns = np.exp(2j * np.pi * values / step)
-    off = np.abs(np.angle(turns / turns.mean())) / (2 * np.pi)
+    off = np.abs(np.angle(turns * turns.mean().conj())) / (2 * np.pi)
     if step < COARSE * usual or often.max() < STEPS or (off < ROUNDING).mean() < ON_RASTER:
         return []
     own = std_name(name)
