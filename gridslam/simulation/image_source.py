@@ -25,7 +25,7 @@ from gridslam.simulation.scattering import scattered_paths
 from gridslam.simulation.true_paths import TruePaths
 from gridslam.wording import counted
 from gridslam.world.columns import OPTIONAL, VALUES
-from gridslam.world.geometry import Segments, course, crossing, mirror, wrap
+from gridslam.world.geometry import Segments, course, crossing, dot, mirror, wrap
 from gridslam.world.scene import Scene
 from gridslam.world.start import only_agent, require_scene
 from gridslam.world.trajectory import Trajectory
@@ -69,7 +69,7 @@ class Truth:
 def _on_piece(point: Array, walls: Segments, index: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Whether every point on the line of its wall piece lies on the piece itself."""
     span = walls.end[index] - walls.start[index]
-    along = ((point - walls.start[index]) * span).sum(-1) / (span**2).sum(-1)
+    along = dot(point - walls.start[index], span) / dot(span, span)
     return (along > 0) & (along < 1)
 
 
@@ -103,7 +103,7 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
         facing = scene.anchor_orientations[number]
         for start in range(0, len(track), block):
             places = track.position_m[start : start + block]
-            steps, keep = np.nonzero(_plausible(places, position, lines, safe, bounces))
+            steps, keep = _plausible(places, position, walls, lines, safe, bounces)
             steps = start + steps
             here = track.position_m[steps]
             geometry = course(
@@ -157,15 +157,24 @@ def true_paths(scene: Scene, agent: str, track: Trajectory | None = None) -> Tru
 
 
 def _plausible(
-    here: Array, anchor: Array, lines: Array, pieces: NDArray[np.intp], bounces: NDArray[np.intp]
-) -> NDArray[np.bool_]:
-    """Cheap necessary condition (N, P): segments from places (N, 2) to the image cross the last line."""
+    here: Array, anchor: Array, walls: Segments, lines: Array, pieces: NDArray[np.intp],
+    bounces: NDArray[np.intp],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:  # fmt: skip
+    """Places (N, 2) and orders of walls (P, 2) that meet a cheap necessary condition, as two indices (L,).
+
+    The segment from the place to the image crosses the last wall on its piece.
+    """
     if len(pieces) < 64:
-        return np.ones((len(here), len(pieces)), dtype=bool)
+        every = np.ones((len(here), len(pieces)), dtype=bool).nonzero()
+        return every[0], every[1]
     image_first = np.where((bounces == 2)[:, None], mirror(lines, anchor)[pieces[:, 0]], anchor)
     image = mirror(lines[pieces[:, 1]], image_first)
     fraction = crossing(here[:, None], image, lines[pieces[:, 1]])
-    return (bounces == 0) | ((fraction > 0) & (fraction < 1))
+    step, pair = np.nonzero((bounces == 0) | ((fraction > 0) & (fraction < 1)))
+    with np.errstate(invalid="ignore"):
+        point = here[step] + fraction[step, pair][:, None] * (image[pair] - here[step])
+    good = (bounces[pair] == 0) | _on_piece(point, walls, pieces[pair, 1])
+    return step[good], pair[good]
 
 
 def ground_truth(scene: Scene, agent: str | None = None, track: Trajectory | None = None) -> Truth:
