@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
-
-import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.world.columns import MOST_STEPS
@@ -73,13 +72,13 @@ def number_of(cell: str, name: str, names: Names | None, where: str, comma: bool
         if not (cell.isascii() and cell.isdecimal() and len(cell) <= 12):
             raise InputError(f"{where}: step", repr(cell), f"a whole number from 0 to {MOST_STEPS - 1}")
         return int(cell)
-    if name != "time_s" and cell.lower() in ("", "nan"):
-        return np.nan
     try:
         value = float(cell.replace(",", ".") if comma else cell)
     except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
+        value = math.nan
+    if not math.isfinite(value):
+        if name != "time_s" and cell.lower() in ("", "nan"):
+            return math.nan
         if cell.count(",") == 1 and cell.replace(",", "").lstrip("+-").isdecimal():
             allowed = "a decimal point; decimal commas only where semicolons set cells apart"
             raise InputError(f"{where}: {name}", f"{cell!r}, a decimal comma", allowed)
