@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 import sys
+from collections import Counter
 from typing import NamedTuple
 
 import pytest
@@ -21,6 +22,30 @@ hdf5_guard.START_S = 120.0
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("other", derandomize=False, deadline=None)
 settings.load_profile(os.environ.get("GRIDSLAM_EXAMPLES", "same"))
+
+
+class FromTheEnd(pytest.Dir):
+    """A folder that is read from its last file to its first."""
+
+    def collect(self):
+        return reversed([*super().collect()])
+
+
+def pytest_collect_directory(path, parent):
+    """Every other process begins at the end: each reads what another one has compiled already, so that no
+    file of a fresh copy is compiled by all of them."""
+    if os.environ.get("PYTEST_XDIST_WORKER", "")[-1:] in (*"13579",):
+        return FromTheEnd.from_parent(parent, path=path)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items):
+    """In processes side by side, files of most slow tests come first: none is left to one process alone at
+    the end. All of them have to have the same order, too."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        slow = Counter(item.path for item in items if item.get_closest_marker("slow"))
+        every = Counter(item.path for item in items)
+        items.sort(key=lambda item: (-slow[item.path], -every[item.path], item.path))
 
 
 def pytest_sessionfinish():
