@@ -14,11 +14,8 @@ import numpy as np
 from gridslam.arrays import replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.health import reasons
-from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.doubt import Doubt, places
-from gridslam.inference.health.monitor import most_turned
 from gridslam.inference.health.range_watch import RangeWatch
-from gridslam.inference.health.sight_watch import SightWatch
 from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
 from gridslam.inference.management.challenge import (
     HANDICAP,
@@ -33,6 +30,7 @@ from gridslam.inference.management.mixture import CAP, reduce, together
 from gridslam.inference.management.poses.pose_fix import known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, is_vague
 from gridslam.inference.management.poses.pose_search import POSES_BY_MAP, Modes, find_modes
+from gridslam.inference.management.sight_looks import crossed, distances_doubted, sighted
 from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.management.unknown_gain import with_likeliest_gain
@@ -87,12 +85,7 @@ def advance(
     ranges = _ranges(population, scan, model, work)
     population, info = _advanced(population, scan, model, work, start, step)
     population = _sighted(population, scan, model, work)
-    # of two anchors whose lines of sight don't cross, their own tell which is wrong
-    doubt = (population.sights.doubt if population.sights else "") or ranges.doubt
-    if doubt and not population.best.monitor.distrusted:  # who may be elsewhere can't accuse anchors
-        # distances of all that are wrong put every line of sight elsewhere, as a turned anchor does
-        follows = most_turned(info.turned, model) if reasons.OF_ALL in doubt and info.turned.any() else ""
-        info = info.doubted(doubt, follows)
+    info = distances_doubted(info, population, ranges, model)
     best = population.best
     best = replace(best, monitor=best.monitor.judged(info.health.ok))
     return changed(population, states=(best, *population.states[1:]), ranges=ranges), info
@@ -110,23 +103,15 @@ def _sighted(
     if not (known and looks and model.radio.departs and len(scan)):
         return population
     scans = work.once(split_by_anchor, scan, model)
-    deviations = work.once(own_deviations, scans, model.radio)
-    sights = population.sights or SightWatch.start(model.senders)
-    sights = sights.looked(scans, deviations, state.belief, state.calibration, model)
-    sights, calibration = sights.turns_told(state.calibration)
-    if calibration is not state.calibration:
-        state = replace(state, calibration=calibration)
-    return changed(population, states=(state,), sights=sights)
+    return sighted(population, scans, work.once(own_deviations, scans, model.radio), model)
 
 
 def _ranges(population: Population[State], scan: Scan, model: FilterModel, work: Workspace) -> RangeWatch:
     """What lines of sight that cross say of the distances, whoever follows them."""
-    before = RangeWatch.start(model.senders) if population.ranges is None else population.ranges
-    if population.best.step >= LOOK_OFTEN and population.best.step % LOOK_EVERY:
-        return before
+    if population.ranges and population.best.step >= LOOK_OFTEN and population.best.step % LOOK_EVERY:
+        return population.ranges
     scans = work.once(split_by_anchor, scan, model)
-    crossing = crossing_of(scans, work.once(own_deviations, scans, model.radio), model)
-    return before if crossing is None else before.crossed(crossing, model)
+    return crossed(population, scans, work.once(own_deviations, scans, model.radio), model)
 
 
 def _advanced(
