@@ -51,6 +51,9 @@ class Health:
     jolt : (float, float)
         Times the scene's ``filter.acceleration_mps2`` and ``filter.heading_deg`` that this step allowed:
         more than 1 where the agent moved too sharply for them.
+    elements : float
+        How far antenna elements' factors are from 1, root mean square, as estimated and taken out (direct
+        grid SLAM); 0 unless beyond doubt.
     """
 
     ok: bool = True
@@ -64,6 +67,7 @@ class Health:
     turned_rad: np.ndarray = field(default_factory=lambda: np.zeros(0))
     silent_steps: int = 0
     jolt: tuple[float, float] = (1.0, 1.0)
+    elements: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,6 +163,16 @@ def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
     return notes
 
 
+def element_notes(runs: Sequence[Run]) -> list[str]:
+    """Whose antenna elements aren't as the recording says, by how much, and what that costs."""
+    return [
+        f"{run.agent}: antenna elements are off by {size:.0%} of what the recording says (root mean square): "
+        "taken out as estimated, but for what looks like a direction: angles stay off. Calibrate the arrays"
+        for run in runs
+        if run.estimates and (size := run.estimates[-1].health.elements)
+    ]
+
+
 def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
     """Where a map that was given, and the map that was made of it, contradict each other."""
     from gridslam.maps.contradictions import contradictions, moved_walls

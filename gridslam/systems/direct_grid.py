@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from gridslam.errors import InputError
-from gridslam.inference.management.free_turn import turn_followed
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.no_mirrors import drop_no_mirrors
 from gridslam.inference.management.samples.array_starts import advance as advance_population
 from gridslam.inference.management.samples.array_starts import begun
+from gridslam.inference.management.samples.open_turn import turn_held
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
 from gridslam.inference.messages.faint_births import remember_leftovers
@@ -37,6 +37,7 @@ from gridslam.inference.messages.samples.array_updates import (
     update_coefficients_by_ratios,
     update_existence,
 )
+from gridslam.inference.messages.samples.element_factors import learn_elements
 from gridslam.inference.messages.samples.heard_bounces import HeardBounces, weigh_angles, weigh_forms
 from gridslam.inference.messages.samples.line_evidence import add_faint_surfaces, gather_evidence
 from gridslam.inference.messages.samples.measured_heading import measure_heading
@@ -61,6 +62,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
     exchanges = [SnapshotExchange.silent(anchor) for anchor in range(len(model.anchors))]
     state = predict(state, scan.time_s, len(scan), model)
     calibration_used = state.calibration
+    model = work.calibrated(model, calibration_used.turned)
     for anchor in surest_first(state, scan, model):
         state = start_noise(state, anchor, scan, model)
         radio = calibration_used.tuned(model.radio, anchor)
@@ -73,6 +75,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         state = weigh_angles(state, paths, heard)  # (M517)
         state = weigh_forms(state, heard, model)  # (M559)
         state = learn_noise(state, anchor, likelihood)
+        state = learn_elements(state, snapshot, likelihood, model)  # (M565)
         state, new = add_new_surfaces(state, snapshot, likelihood, model, work=work)  # (M154), (M516)
         state = gather_evidence(state, snapshot, likelihood, model, work=work)  # (M157)
         exchanges[anchor] = exchange_of(snapshot, likelihood, model)
@@ -145,11 +148,7 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         return begun(state)
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[State], StepInfo]:
-        believed = self.population
-        if scan.heard.any():
-            departs = any(len(element) > 1 for element in self.waveform.anchor_element_m)
-            told = departs or self.model.senders > 1 or scan.heading_rad is not None
-            believed = turn_followed(believed, told, self.model)
+        believed = turn_held(self.population, scan, self.model, self.work)
         return advance_population(believed, scan, self.model, self.work, self.start, self.advance)
 
     def map(self) -> Map:

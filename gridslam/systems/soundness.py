@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
+from gridslam.inference.beliefs.element_gains import ElementGains
 from gridslam.inference.beliefs.layout import AGENT, StateLayout
 from gridslam.inference.health.range_fits import errors_of
 from gridslam.inference.health.range_watch import RangeWatch
@@ -29,6 +30,7 @@ from gridslam.inference.state.surface_bank import ANGLES, FORMS, SurfaceBank
 from gridslam.io.covariances import is_information
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
+from gridslam.world.signal_model import SignalModel
 
 Shape = tuple[int, ...]
 MOST_HYPOTHESES, MOST_PARKED = 1000, 2000
@@ -146,11 +148,8 @@ def require_sound(state: State, model: FilterModel, where: str) -> None:
 def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shape]]:
     """Parts of a state, their shapes, and what these have to be: all parts speak of the same surfaces."""
     anchors, surfaces, size = len(model.anchors), len(state.surfaces), len(state.belief.mean)
-    yield (
-        "belief/mean",
-        (size,),
-        (StateLayout(1, state.belief.clocks, surfaces, rises=len(model.rise_variance)).size,),
-    )
+    layout = StateLayout(1, state.belief.clocks, surfaces, rises=len(model.rise_variance))
+    yield "belief/mean", (size,), (layout.size,)
     yield "belief/covariance", state.belief.covariance.shape, (size, size)
     yield "los", state.los.shape, (anchors,)
     if state.sight_nats is not None:
@@ -200,6 +199,11 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
         yield "noise", state.noise.shape, (anchors,)
     if state.levels is not None and model.level_prior is not None:
         yield "levels", state.levels.shape, model.level_prior.shape
+    if state.elements is not None and isinstance(model, SignalModel):
+        none = ElementGains.none(model.waveform)
+        for field in fields(none):
+            found, wanted = (getattr(elements, field.name).shape for elements in (state.elements, none))
+            yield f"elements/{field.name}", found, wanted
     if state.rings is not None:
         count, entries = len(state.rings.anchor), MOVING + 2
         mixture: dict[str, Shape] = {
@@ -207,11 +211,8 @@ def _shapes(state: State, model: FilterModel) -> Iterator[tuple[str, Shape, Shap
             "covariance": (count, BEARINGS, entries, entries),
         }  # fmt: skip
         for field in fields(state.rings):
-            yield (
-                f"rings/{field.name}",
-                getattr(state.rings, field.name).shape,
-                mixture.get(field.name, (count,)),
-            )
+            found = getattr(state.rings, field.name).shape
+            yield f"rings/{field.name}", found, mixture.get(field.name, (count,))
 
 
 def shapes_of_bank(
@@ -280,6 +281,8 @@ def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, 
     anchors, grid, rings = len(model.anchors), state.grid, state.rings
     if state.noise is not None:
         claims.append(("noise", _within(state.noise, 0, np.inf), "0 or more"))
+    if state.elements is not None and isinstance(model, SignalModel):
+        claims.append(("elements", state.elements.is_sound(model.waveform), "sums of its waveform"))
     levels, prior = state.levels, model.level_prior
     claims.append(
         ("levels", (levels is None) == (prior is None), "where coefficients of levels aren't known")

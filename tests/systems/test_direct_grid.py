@@ -113,16 +113,20 @@ def test_it_goes_on_from_a_checkpoint_bit_for_bit(scene, recording, tmp_path):
         np.testing.assert_array_equal(array, values.arrays_of(again.now.believed)[name], err_msg=name)
 
 
-@pytest.mark.parametrize("spoil", [lambda x: -x, lambda x: x[:1]])
-def test_a_checkpoint_whose_noise_cannot_be_is_refused(ran, tmp_path, monkeypatch, spoil):
+@pytest.mark.parametrize(
+    ("part", "spoil"),
+    [("noise", lambda x: -x), ("noise", lambda x: x[:1]), ("power", lambda x: -x),
+     ("matched", lambda x: x[:1]), ("matched", lambda x: 1e200 * x)],
+)  # fmt: skip
+def test_a_checkpoint_whose_noise_or_elements_cannot_be_is_refused(ran, tmp_path, monkeypatch, part, spoil):
     put = values.put
     with monkeypatch.context() as patch:
         patch.setattr(
             values, "put",
-            lambda group, own, x, unit: put(group, own, spoil(x) if own == "noise" else x, unit),
+            lambda group, own, x, unit: put(group, own, spoil(x) if own == part else x, unit),
         )  # fmt: skip
         ran[0].save(tmp_path / "a.h5")
-    with pytest.raises(InputError, match="noise"):
+    with pytest.raises(InputError, match="noise" if part == "noise" else "elements"):
         gs.DirectGridSlam.resume(tmp_path / "a.h5")
 
 

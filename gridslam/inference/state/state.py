@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.calibration import Calibration
+from gridslam.inference.beliefs.element_gains import ElementGains
 from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.scans.leftovers import Leftovers, LineEvidence
 from gridslam.inference.scans.unexplained import Unexplained
@@ -92,6 +93,8 @@ class State:
         Anchors, and from where (m) what they send over corners arrives as if off one wall that isn't there.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
+    elements : ElementGains, optional
+        Factors of the antennas' elements (direct grid SLAM).
     """
 
     belief: Belief
@@ -116,6 +119,7 @@ class State:
     turn_variance: float | None = field(default=None, metadata={"later": True})
     turn_anchor: int = field(default=0, metadata={"later": True})
     sight_nats: Array | None = field(default=None, metadata={"later": True})
+    elements: ElementGains | None = field(default=None, metadata={"later": True})
     corners: Array = field(default_factory=_no_corners, metadata={"later": True})
 
     @classmethod

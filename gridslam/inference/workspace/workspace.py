@@ -21,6 +21,7 @@ Made = TypeVar("Made")
 P = ParamSpec("P")
 R = TypeVar("R")
 Rows = TypeVar("Rows", bound=NDArray[Any])
+Model = TypeVar("Model", bound=FilterModel)
 NONE = np.zeros(0)
 OTHER = "bookkeeping"
 """Stage of whatever isn't timed by itself."""
@@ -109,7 +110,7 @@ class Workspace(StageClock):
         self._buffers: dict[tuple[Callable[..., Any], Hashable], list[tuple[tuple[Any, ...], Any]]] = {}
         self._shared: dict[tuple[Any, ...], tuple[tuple[Any, ...], Any]] = {}
         self._views: dict[tuple[int, int], tuple[NDArray[Any], Any]] = {}
-        self._turned: tuple[FilterModel, bytes, FilterModel] | None = None
+        self._turned: tuple[FilterModel, bytes, Any] | None = None
 
     def begin(self) -> None:
         """A new step: whatever an earlier one left, should it have been interrupted, is dropped."""
@@ -170,13 +171,14 @@ class Workspace(StageClock):
             raise ValueError("this system has no grid")
         return self._cells
 
-    def calibrated(self, model: FilterModel, turns: Array, higher: Array = NONE) -> FilterModel:
+    def calibrated(self, model: Model, turns: Array, higher: Array = NONE) -> Model:
         """The model with its anchors turned by (J,) rad and higher by rises of (G,) m; the same object while
         nothing changes."""
         key = turns.tobytes() + higher.tobytes()
         if self._turned is None or self._turned[0] is not model or self._turned[1] != key:
             self._turned = model, key, model.calibrated(turns, higher)
-        return self._turned[2]
+        calibrated: Model = self._turned[2]
+        return calibrated
 
 
 def timed(stage: str) -> Callable[[Callable[P, R]], Callable[P, R]]:

@@ -76,7 +76,8 @@ def challenged(
         found = _found(paths, prior, best - here, model, work)
         if found is not None:
             moved_to = _moved(state, prior, found, paths, over, start(model), model)
-            return changed(population, states=(moved_to,), watch=Doubt(doubtful=DOUBT_STEPS))
+            watch = Doubt(doubtful=DOUBT_STEPS)
+            return changed(population, states=(moved_to,), watch=watch, sights=None)
     return changed(population, watch=watch)
 
 
@@ -130,9 +131,10 @@ def _moved(
         belief = moved(prior.belief, fix, float(model.start_variance[2]))
         there = unweighed(replace(prior.believing(belief), surfaces=state.surfaces))
         return replace(there, time_s=None, calibration=state.calibration, monitor=monitor)
+    told = any(len(element) > 1 for element in model.waveform.anchor_element_m)  # by departures
     blank = replace(
-        fresh, calibration=state.calibration, noise=state.noise, step=state.step,
-        next_identity=state.next_identity, turn_variance=None if state.turn_variance is None else ANY,
+        fresh, calibration=state.calibration, noise=state.noise, elements=state.elements, step=state.step,
+        next_identity=state.next_identity, turn_variance=None if told or state.turn_variance is None else ANY,
         turn_anchor=state.turn_anchor, sight_nats=state.sight_nats,
     )  # fmt: skip
     kept = float(over.score(pose[None])[0] - paths.score(pose[None])[0]) > KEEPS

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from gridslam.inference.health.monitor import AFRESH
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import CAP
 from gridslam.inference.management.poses.pose_recovery import is_vague
 from gridslam.inference.management.poses.pose_search import Modes, find_modes
 from gridslam.inference.management.samples.array_challenge import Start, challenged, doubted, followed
+from gridslam.inference.management.samples.array_health import lines_of_sight, with_elements
 from gridslam.inference.management.samples.paths_alone import ARRIVING_RAD, alone
+from gridslam.inference.management.sight_looks import crossed, distances_doubted, sighted
 from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.motion import predict
@@ -52,11 +55,17 @@ def advance(
     """
     if not population.searching:
         population = challenged(population, scan, start, model, work)
+        sights = lines_of_sight(population.best, scan, model, work)
+        ranges = crossed(population, *sights, model) if sights else population.ranges
         state, info = step(population.best, scan, model, work)
-        population = replace(
-            population, states=(state,), watch=followed(population.watch, state, info, model)
-        )
-        return population, doubted(info, population.watch)
+        watch = followed(population.watch, state, info, model)
+        population = replace(population, states=(state,), watch=watch, ranges=ranges)
+        info = doubted(with_elements(info, state), watch)
+        if watch.against() or state.monitor.since < AFRESH:  # who may be elsewhere can't accuse anchors
+            return population, info
+        if sights:
+            population = sighted(population, *sights, model)
+        return population, distances_doubted(info, population, ranges, model)
     work.begin()
     prior = predict(population.best, scan.time_s, len(scan), model)
     audible, waited = bool(scan.heard.any()), population.waited

@@ -11,13 +11,15 @@ from gridslam.inference.management.poses.pose_fix import known_sources
 from gridslam.inference.management.poses.pose_score import Snapshot, SnapshotTerms
 from gridslam.inference.messages.samples.array_births import peaks_of
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
-from gridslam.inference.messages.samples.array_paths import start_noise
+from gridslam.inference.messages.samples.array_paths import start_noise, without_factors
 from gridslam.inference.messages.samples.array_search import find_paths
 from gridslam.inference.messages.samples.state_mode import PathsPrior
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.geometry import wrap
+from gridslam.world.radio import RadioModel
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -40,8 +42,8 @@ class HeadedSnapshot(Snapshot):
 
 def alone(state: State, scan: SignalScan, model: SignalModel, work: Workspace) -> Snapshot:
     """The paths of all anchors that were heard; not the heading."""
-    heard = np.flatnonzero(scan.heard).tolist()
-    return Snapshot(tuple(_terms(state, anchor, scan, model, work) for anchor in heard))
+    peaks = work.once(peaks_alone, state, scan, model, work)
+    return Snapshot(tuple(SnapshotTerms.of(own, radio, model.birth_rate) for own, radio in peaks))
 
 
 def headed(snapshot: Snapshot, scan: SignalScan, model: SignalModel) -> Snapshot:
@@ -62,13 +64,21 @@ def mapped(
     return replace(snapshot, terms=tuple(replace(terms, known=known[anchor]) for terms, anchor in rows))
 
 
-def _terms(state: State, anchor: int, scan: SignalScan, model: SignalModel, work: Workspace) -> SnapshotTerms:
-    """Paths of one anchor's snapshot, as if nothing were known, to score poses by."""
+def peaks_alone(
+    state: State, scan: SignalScan, model: SignalModel, work: Workspace
+) -> tuple[tuple[AnchorScan, RadioModel], ...]:
+    """Paths of every anchor that was heard, as if nothing were known, and a radio that detects such peaks."""
+    return tuple(_peaks(state, anchor, scan, model, work) for anchor in np.flatnonzero(scan.heard).tolist())
+
+
+def _peaks(
+    state: State, anchor: int, scan: SignalScan, model: SignalModel, work: Workspace
+) -> tuple[AnchorScan, RadioModel]:
     state = start_noise(state, anchor, scan, model)
     assert state.noise is not None
     band: ArrayBand = work.buffers(ArrayBand.of, anchor, model.waveform, anchor)
     none = Rays.of(anchor, 0, -1, -1, np.zeros(0), np.zeros(0)).table
     nothing = PathsPrior(state.belief, model.anchors[anchor], none, np.zeros(0), np.zeros((0, 3)))
-    new = find_paths(band, scan.samples[anchor], nothing, float(state.noise[anchor]), np.zeros(0)).new
-    peaks, radio = peaks_of(new, anchor, band, state.calibration.tuned(model.radio, anchor), model)
-    return SnapshotTerms.of(peaks, radio, model.birth_rate)
+    samples, _ = without_factors(state, scan.samples[anchor], anchor)
+    new = find_paths(band, samples, nothing, float(state.noise[anchor]), np.zeros(0)).new
+    return peaks_of(new, anchor, band, state.calibration.tuned(model.radio, anchor), model)

@@ -48,6 +48,9 @@ class Snapshot:
     anchor : int
     band : ArrayBand
     samples : (A, B, M) complex128
+        With the elements' factors, as far as they are known, taken out.
+    factor : (A, B) or None
+        These; None: none are known.
     noise : float
         Power of the noise in each sample.
     fades : bool
@@ -66,6 +69,7 @@ class Snapshot:
     anchor: int
     band: ArrayBand
     samples: Complex
+    factor: Complex | None
     noise: float
     fades: bool
     rays: Rays
@@ -140,6 +144,12 @@ def surest_first(state: State, scan: SignalScan, model: SignalModel) -> list[int
     return [int(anchor) for anchor in order if scan.heard[anchor]]
 
 
+def without_factors(state: State, samples: Complex, anchor: int) -> tuple[Complex, Complex | None]:
+    """An anchor's samples (A, B, M) with its elements' factors (A, B) taken out, and these, (M565)."""
+    factor = None if state.elements is None else state.elements.of(anchor)
+    return (samples, None) if factor is None else (samples / factor[..., None], factor)
+
+
 def take_snapshot(
     state: State, anchor: int, scan: SignalScan, paths: PredictedPaths, visible: Visibility,
     amplitudes: Reflected, model: SignalModel, *, work: Workspace,
@@ -161,8 +171,9 @@ def take_snapshot(
     band: ArrayBand = work.buffers(ArrayBand.of, anchor, model.waveform, anchor)
     length = np.maximum(paths.prediction.length, 1e-3)
     rays = Rays(paths.rays.table.copy(), paths.rays.existence.copy(), paths.rays.surfaces.copy())
+    samples, factor = without_factors(state, scan.samples[anchor], anchor)
     return Snapshot(
-        anchor, band, scan.samples[anchor], float(state.noise[anchor]), model.fades, rays,
+        anchor, band, samples, factor, float(state.noise[anchor]), model.fades, rays,
         visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
         amplitudes.probability.copy(), amplitudes.radio,
     )  # fmt: skip

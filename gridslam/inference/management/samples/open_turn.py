@@ -1,0 +1,42 @@
+"""What samples of arrays leave open of the turn about the only anchor; docs/model.md, (M493), (M566)."""
+
+from __future__ import annotations
+
+from dataclasses import replace as changed
+
+from gridslam.arrays import replace
+from gridslam.inference.management.free_turn import turn_followed, without_turn
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand
+from gridslam.inference.state.population import Population
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.signal_model import SignalModel
+from gridslam.world.signal_scan import SignalScan
+
+
+def turn_held(
+    population: Population[State], scan: SignalScan, model: SignalModel, work: Workspace
+) -> Population[State]:
+    """The population before a scan, with the turn held out that nothing tells, or elements' errors hide."""
+    if not scan.heard.any():
+        return population
+    sole = model.senders == 1 and scan.heading_rad is None
+    departs = any(len(element) > 1 for element in model.waveform.anchor_element_m)
+    if not (sole and departs) or population.searching:
+        return turn_followed(population, not sole, model)
+    state = population.best
+    hidden = hidden_turn(state, model, work)
+    if not hidden:
+        return turn_followed(population, True, model)
+    if state.turn_variance is None:
+        state = without_turn(state, model)
+    return changed(population, states=(replace(state, turn_variance=max(hidden, state.turn_variance or 0)),))
+
+
+def hidden_turn(state: State, model: SignalModel, work: Workspace) -> float:
+    """Variance (rad^2) of the turn that errors of the only anchor's elements pass for, (M566)."""
+    if state.elements is None or not state.elements.size:
+        return 0.0
+    band: ArrayBand = work.buffers(ArrayBand.of, 0, model.waveform, 0)
+    steepness = float(band.steepness[1])
+    return state.elements.phase_variance / (len(band.anchor) * steepness**2) if steepness else 0.0

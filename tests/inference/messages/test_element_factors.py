@@ -1,0 +1,280 @@
+"""Factors of antenna elements: what samples say of them, when they are believed, and what comes of it."""
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import gridslam as gs
+from gridslam.inference.beliefs.element_gains import FAINTEST, KEEP, LEAST, ElementGains, level
+from gridslam.inference.management.free_turn import ANY
+from gridslam.inference.management.poses.pose_search import Modes
+from gridslam.inference.management.samples.array_challenge import _moved
+from gridslam.inference.management.samples.open_turn import hidden_turn, turn_held
+from gridslam.inference.messages.samples.array_likelihood import ArrayBand
+from gridslam.inference.messages.samples.array_paths import without_factors
+from gridslam.inference.messages.samples.element_factors import learn_elements
+from gridslam.inference.state.population import Population
+from gridslam.inference.state.state import State
+from gridslam.inference.workspace.workspace import Workspace
+from gridslam.world.signal_model import SignalModel
+
+SQUARE = np.array([[-1.0, -1.0], [-1.0, 1.0], [1.0, -1.0], [1.0, 1.0]])
+STEPS = 30
+
+
+def scene_of(anchors=2, steps=STEPS):
+    data = gs.Scene.load("chamber").model_dump(exclude_none=True)
+    data["anchors"], data["agents"][0]["steps"] = data["anchors"][:anchors], steps
+    data["radio"] |= {"frequencies": 33, "frequency_step_hz": 1.6e7}
+    for key in ("bandwidth_hz", "max_distance_m"):
+        data["radio"].pop(key, None)
+    return gs.Scene.checked(data, "chamber")
+
+
+SCENE = scene_of()
+WAVEFORM = SCENE.waveform("agent1")
+ANCHORS, ELEMENTS, CARRIED = WAVEFORM.shape[:3]
+
+
+def drawn_factors(seed, degrees=10.0):
+    """Of anchors (J, A) and agent (B,): phases off by so much, amplitudes by half of that (rad)."""
+    draw, std = np.random.default_rng(seed), np.radians(degrees)
+
+    def some(*shape):
+        return (1 + 0.5 * std * draw.normal(size=shape)) * np.exp(1j * std * draw.normal(size=shape))
+
+    return some(ANCHORS, ELEMENTS), some(CARRIED)
+
+
+def spoiled(recording, anchor, agent):
+    """A recording by elements of other factors than 1."""
+    pairs = anchor[: recording.samples.shape[1], :, None] * agent
+    return replace(recording, samples=recording.samples * pairs[None, ..., None])
+
+
+def gains_of(matched, power):
+    return replace(ElementGains.none(WAVEFORM), matched=matched, power=power)
+
+
+def sums(factor, snr, seed=None):
+    """Sums of samples of so much signal over noise by each pair, with their noise if there is a seed."""
+    power = np.full((ANCHORS, ELEMENTS, CARRIED), float(snr))
+    noise = 0.0
+    if seed is not None:
+        one, other = np.random.default_rng(seed).normal(size=(2, *power.shape))
+        noise = np.sqrt(power / 2) * (one + 1j * other)
+    return gains_of(factor * power + noise, power)
+
+
+def test_a_plane_of_phases_is_a_direction_and_what_bends_it_a_factor():
+    """By hand: of a square's corners, phases 0, 1, 1, 2 are a plane, and 1, -1, -1, 1 have none in them."""
+    np.testing.assert_allclose(level(np.exp(0.2j * np.array([0, 1, 1, 2])), SQUARE), 1, atol=1e-12)
+    bent = np.exp(0.2j * np.array([1, -1, -1, 1]))
+    np.testing.assert_allclose(level(bent, SQUARE), bent, atol=1e-12)
+    np.testing.assert_allclose(level(2 * bent, SQUARE), 2 * bent, atol=1e-12)
+    assert level(np.array([3j]), SQUARE[:1]) == 1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_factors_are_those_of_the_sums_but_for_mean_and_plane(seed):
+    anchor, agent = drawn_factors(seed)
+    found = sums(anchor[:, :, None] * agent, 1e5).factors
+    for j in range(ANCHORS):
+        wanted = level(anchor[j] / anchor[j].mean(), 2 * np.pi * WAVEFORM.anchor_element_m[j])
+        np.testing.assert_allclose(found.anchor[j], wanted, atol=0.01)
+    np.testing.assert_allclose(found.agent, level(agent / agent.mean(), WAVEFORM.agent_element_m), atol=0.01)
+
+
+def test_variances_are_those_of_what_was_received():
+    """By hand: nine elements at the other end, prior of 0.2: 1 / (25 + 9 x 100)."""
+    found = sums(np.ones((ANCHORS, ELEMENTS, CARRIED)), 100.0).factors
+    np.testing.assert_allclose(found.anchor_variance, 1 / (25 + CARRIED * 100))
+    np.testing.assert_allclose(found.agent_variance, 1 / (25 + ANCHORS * ELEMENTS * 100))
+
+
+@pytest.mark.parametrize("snr", [0.1, 1.0, 30.0, 3000.0])
+def test_right_elements_are_never_suspected_whatever_the_noise(snr):
+    """Of 200 draws at each SNR: six deviations are none in a hundred million."""
+    assert not any(sums(1.0, snr, seed).size for seed in range(200))
+    assert sums(1.0, snr, 0).of(0) is None
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_wrong_ones_are_found_as_large_as_they_are(seed):
+    anchor, agent = drawn_factors(seed)
+    gains = sums(anchor[:, :, None] * agent, 300.0, seed)
+    error = np.concatenate([abs(f - 1).ravel() for f in (gains.factors.anchor, gains.factors.agent)])
+    assert gains.size == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.1)
+    assert 0.08 < gains.size < 0.3
+    assert not sums(1 + 0.5 * LEAST * (anchor[:, :, None] * agent - 1), 1e6, seed).size  # of no matter
+
+
+def test_sums_forget_and_are_of_their_own_anchor():
+    gains = ElementGains.none(WAVEFORM)
+    one, two = np.full((ELEMENTS, CARRIED), 2.0), np.full((ELEMENTS, CARRIED), 3.0)
+    after = gains.taken_in(1, one * 1j, one).taken_in(1, two * 1j, two)
+    np.testing.assert_allclose(after.power[1], 3 + KEEP * 2)
+    np.testing.assert_allclose(after.matched[1], 1j * (3 + KEEP * 2))
+    assert not after.power[0].any()
+    assert not gains.power.any()
+
+
+def test_a_snapshot_tells_factors_by_the_paths_that_are_believed_in():
+    """By hand: of two elements a path of 4, 1 and i times it heard, noise 2: 4 x 4 / 2 = 8, and 8 i.
+
+    A new path, which may be what the factors make of that, tells nothing.
+    """
+    band = ArrayBand(np.zeros(1), np.ones(1, complex), np.zeros((2, 2)), np.zeros((1, 2)))
+    believed, new = 4 * np.sqrt(2), 9.0
+    paths = SimpleNamespace(amplitude=np.array([believed, new], complex))
+    mode = SimpleNamespace(path=np.zeros((2, 3)), paths=paths)
+    likelihood = SimpleNamespace(found=SimpleNamespace(mode=mode), followed=np.array([3]))
+    factor = np.array([[2.0], [1.0]], complex)  # taken out before: what was received is twice as much
+    samples = np.array([[[2.0]], [[4j]]], complex)
+    snapshot = SimpleNamespace(band=band, samples=samples, factor=factor, noise=2.0, anchor=1)
+    none = ElementGains(
+        np.zeros((2, 2, 2)), np.zeros((1, 2)), np.zeros((2, 2, 1), complex), np.zeros((2, 2, 1))
+    )
+    model = SignalModel.of(SCENE.filter_model("agent1"), WAVEFORM)
+    state = replace(State.start(model), elements=none)
+    after = learn_elements(state, snapshot, likelihood, model).elements
+    np.testing.assert_allclose(after.matched[1, :, 0], [8.0, 8j])
+    np.testing.assert_allclose(after.power[1, :, 0], 8.0)
+    assert not after.power[0].any()
+    nothing = SimpleNamespace(found=likelihood.found, followed=np.zeros(0, int))
+    assert learn_elements(state, snapshot, nothing, model) is state
+
+
+def test_no_element_is_made_much_louder_than_it_is():
+    anchor, agent = np.ones((ANCHORS, ELEMENTS)), np.ones(CARRIED, complex)
+    agent[4] = 0.05j
+    found = sums(anchor[:, :, None] * agent, 1e4).of(0)
+    np.testing.assert_allclose(np.abs(found[:, 4]), FAINTEST)
+    assert np.abs(np.delete(found, 4, 1)).min() > 0.9
+
+
+def sheet_of_elements(gains, **changed):
+    return replace(gains, **changed).is_sound(WAVEFORM)
+
+
+def test_sums_that_cannot_be_are_none_of_this_waveform():
+    gains = sums(1.0, 100.0, 1)
+    assert gains.is_sound(WAVEFORM)
+    assert not sheet_of_elements(gains, power=-gains.power)
+    assert not sheet_of_elements(gains, matched=1e200 * gains.matched)
+    assert not sheet_of_elements(gains, anchor=3 * gains.anchor)
+    assert not sheet_of_elements(gains, agent=0 * gains.agent)
+
+
+def test_a_place_found_afresh_keeps_the_factors_and_the_turn_that_departures_tell():
+    """With nothing kept of the map. Of anchors with one element, any turn about the only one is open."""
+    for single in (False, True):
+        scene = scene_of(1)
+        waveform = scene.waveform("agent1")
+        if single:
+            waveform = replace(waveform, anchor_element_m=np.zeros((1, 1, 2)))
+        model = SignalModel.of(scene.filter_model("agent1"), waveform)
+        state = replace(State.start(model), elements=ElementGains.none(waveform), turn_variance=1e-3)
+        nowhere = SimpleNamespace(score=lambda pose: np.zeros(1))
+        pose, spread = np.array([[2.0, 2.0, 1.0]]), 1e-4 * np.eye(3)[None]
+        modes = Modes(pose, spread, np.zeros(1), np.zeros(1), True)
+        far = _moved(state, state, modes, nowhere, nowhere, State.start(model), model)
+        assert far.elements is state.elements
+        assert far.turn_variance == (ANY if single else None)
+
+
+def test_samples_are_divided_by_each_pairs_factor():
+    anchor, agent = drawn_factors(1)
+    gains = sums(anchor[:, :, None] * agent, 1e4)
+    model = SignalModel.of(SCENE.filter_model("agent1"), WAVEFORM)
+    state = replace(State.start(model), elements=gains)
+    samples = np.ones((ELEMENTS, CARRIED, 5), complex)
+    found, factor = without_factors(state, samples, 1)
+    np.testing.assert_allclose(found * factor[..., None], samples)
+    np.testing.assert_allclose(factor, gains.factors.anchor[1][:, None] * gains.factors.agent)
+    same, none = without_factors(State.start(model), samples, 1)
+    assert same is samples
+    assert none is None
+
+
+def test_the_turn_that_elements_hide_by_hand():
+    """Of nine elements 0.4 wavelengths apart, across one direction: 6 x (0.8 pi)^2 = 37.9 rad^2; phases of
+    0.1 in checks have 9 x 0.01 / (9 - 3) of variance, of those of both arrays 9 x 0.01 / (18 - 6)."""
+    scene = scene_of(1)
+    waveform = scene.waveform("agent1")
+    model = SignalModel.of(scene.filter_model("agent1"), waveform)
+    work = Workspace(model, 0)
+    checks = 0.1 * np.array([1, -1, 1, -1, 1, -1, 1, -1, 1.0])
+    power = np.full((1, 9, 9), 1e6)
+    gains = replace(
+        ElementGains.none(waveform), power=power, matched=power * np.exp(1j * checks)[None, :, None]
+    )
+    variance = gains.phase_variance
+    assert variance == pytest.approx(0.09 / 12, rel=0.02)  # the agent's nine elements are right
+    state = replace(State.start(model), elements=gains)
+    # the mean over all directions of the deviation across, not the root of its mean square: within 1 %
+    assert hidden_turn(state, model, work) == pytest.approx(variance / 37.9, rel=0.02)
+    assert hidden_turn(State.start(model), model, work) == 0
+
+    recording = gs.simulate(scene, "agent1", seed=1, what="signal")
+    held = turn_held(Population.of(state), recording.scan(0), model, work).best
+    assert held.turn_variance >= hidden_turn(state, model, work)
+    told = replace(recording, heading_rad=recording.truth.heading_rad).scan(0)
+    assert turn_held(Population.of(state), told, model, work).best.turn_variance is None
+    right = Population.of(State.start(model))
+    assert turn_held(right, recording.scan(0), model, work).best.turn_variance is None
+
+
+def ran(scene, recording):
+    slam = gs.DirectGridSlam(scene, waveform=recording.waveform)
+    estimates = [slam.step(scan) for scan in recording]
+    error = np.array([one.position_m for one in estimates]) - recording.truth.position_m
+    covariance = np.array([one.covariance[:2, :2] for one in estimates])
+    squared = np.einsum("ki,kij,kj->k", error, np.linalg.inv(covariance), error)
+    return slam, estimates, np.sqrt((error[10:] ** 2).sum(1).mean()), squared[10:].mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("anchors", [1, 2])
+def test_a_run_learns_them_says_so_and_its_claims_hold(anchors):
+    """About an only anchor such factors turn all there is by a degree or two, which has to be claimed."""
+    scene, ratios = scene_of(anchors), []
+    for seed in (3, 4):
+        recording = gs.simulate(scene, "agent1", seed=seed, what="signal")
+        slam, estimates, error, squared = ran(scene, spoiled(recording, *drawn_factors(seed)))
+        assert 0.1 < estimates[-1].health.elements == slam.state.elements.size < 0.2
+        assert error < (0.12 if anchors == 1 else 0.05)
+        assert len(slam.map().surfaces) <= 5
+        assert (slam.state.turn_variance is not None) == (anchors == 1)
+        ratios.append(squared)
+    assert 0.3 < np.mean(ratios) < 4
+
+
+@pytest.mark.slow
+def test_right_elements_change_nothing():
+    recording = gs.simulate(scene_of(1), "agent1", seed=3, what="signal")
+    slam, estimates, _, _ = ran(scene_of(1), recording)
+    assert slam.state.elements.size == 0
+    assert slam.state.elements.of(0) is None
+    assert slam.state.turn_variance is None
+    assert all(one.health.ok for one in estimates)
+
+
+@pytest.mark.slow
+def test_distances_of_one_anchor_that_are_too_long_are_named():
+    """3.3 ns, 0.99 m, in what the first of three anchors' samples say."""
+    data = scene_of(steps=31).model_dump(exclude_none=True)
+    data["anchors"] = (*data["anchors"], data["anchors"][0] | {"name": "C", "position_m": (2.6, 2.2)})
+    data["radio"]["snr_at_1m_db"] = 36.0
+    scene = gs.Scene.checked(data, "chamber")
+    recording = gs.simulate(scene, "agent1", seed=4, what="signal")
+    samples = recording.samples.copy()
+    samples[:, 0] = samples[:, 0] * np.exp(-2j * np.pi * recording.waveform.offset_hz * 3.3e-9)
+    _, estimates, _, _ = ran(scene, replace(recording, samples=samples))
+    said = rf"distances of anchor {scene.anchors[0].name} seem (0\.9|1\.0)\d m"
+    assert re.search(said, estimates[-1].health.why), estimates[-1].health.why
+    _, estimates, _, _ = ran(scene, recording)
+    assert all(one.health.ok for one in estimates)
