@@ -8,12 +8,9 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal, norm
 
 import gridslam as gs
-from gridslam.inference.messages.network.clock_evidence import (
-    agent_evidence,
-    amplitude_ratio,
-    clock_evidence,
-    joint_density,
-)
+from gridslam.inference.messages.network.clock_amplitudes import amplitude_ratio
+from gridslam.inference.messages.network.clock_candidates import joint_density
+from gridslam.inference.messages.network.clock_evidence import agent_evidence, clock_evidence
 from gridslam.inference.messages.network.clock_setting import (
     astray,
     challenge_clocks,

@@ -15,7 +15,7 @@ import numpy as np
 from gridslam.arrays import replace
 from gridslam.inference.beliefs.belief import append
 from gridslam.inference.management.step_info import comparable
-from gridslam.inference.messages.network.clock_evidence import SURE_SURFACE
+from gridslam.inference.messages.network.clock_candidates import SURE_SURFACE
 from gridslam.inference.messages.network.clock_setting import (
     loosened,
     tells_no_departure,

@@ -8,23 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.network.clock_amplitudes import NOTHING, amplitude_ratio
+from gridslam.inference.messages.network.clock_amplitudes import NOTHING
+from gridslam.inference.messages.network.clock_candidates import (
+    Candidates,
+    all_deviations,
+    by_anchor,
+    density_over_offsets,
+    given_angles,
+    joint_density,
+    may_be_of,
+    one_per_anchor,
+)
 from gridslam.inference.messages.network.clock_votes import Sights, sight_votes
 from gridslam.inference.messages.path_prediction import predict_every_path
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_scan
+from gridslam.inference.scans.anchor_measurements import whole_scan
 from gridslam.inference.state.network.clock_search import CELL_M
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
-from gridslam.world.geometry import lean, wrap
-from gridslam.world.radio import REFLECTION_BINS, RadioModel
+from gridslam.world.geometry import lean
+from gridslam.world.radio import RadioModel
 from gridslam.world.scan import Scan
 
-TURN_DENSITY = 1 / (2 * np.pi)
-ANY_DIRECTION = 2 * np.pi
-"""Variance of an angle of residual 0 whose normal density is that of any angle at all."""
-SURE_SURFACE = 0.9
-"""Existence from which on a surface's single bounces tell of clocks, too."""
 LEAST_CHANCE = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
 PURPOSE, PURPOSE_OF_SIGHTS = 9, 10
@@ -45,9 +50,10 @@ def agent_evidence(
     work: Workspace,
     mass: Array | None = None,
 ) -> Array:
-    """Log evidence of one agent's measurements about some anchors' clocks.
+    """Log evidence of one agent's measurements about some anchors' clocks, the sum over l of (M103).
 
-    What a path of another anchor, whose clock is set, may have caused says that much less.
+    What a path of another anchor, whose clock is set, may have caused says that much less. In frames, lines
+    of sight are weighed by (M497) instead, and all that nothing explains counts as clutter.
 
     Parameters
     ----------
@@ -67,63 +73,75 @@ def agent_evidence(
     -------
     (J, C)
     """
-    radio = model.radio
     believed = predict_every_path(part, model, work=work).prediction
     value, width = believed.value.copy(), believed.spread.copy()  # the next prediction takes their buffer
-    paths = predict_every_path(bare, model, work=work)
-    rays, length, predicted = paths.rays, paths.prediction.length, paths.prediction.value
-    strength = np.append(bare.surfaces.reflection @ REFLECTION_BINS, 1.0)[rays.last]
-    amplitude = radio.amplitude(length, strength)
-    chance = rays.existence * rays.surfaces * radio.detection_probability(amplitude)
-    over_sure = (rays.surfaces > SURE_SURFACE) & np.append(witnessed, True)[rays.last]
-    sure = (rays.bounces == 0) | ((rays.bounces == 1) & over_sure)
-    anchor_scan = work.once(whole_scan, scan, model)
-    steep = lean(length, np.asarray(model.anchor_heights)[rays.anchor])
-    spread = paths.prediction.spread
-    ratio = amplitude_ratio(anchor_scan.amplitude, amplitude, radio)
-
-    def accuracy(chosen: NDArray[np.intp]) -> Array:
-        return _deviations(anchor_scan, amplitude[chosen], predicted[chosen, 1:], steep[chosen], radio)
-
-    caused = over_walls = np.zeros((len(sought), len(anchor_scan)))
-    rows = np.flatnonzero(known[rays.anchor] & (chance > LEAST_CHANCE))
-    if len(rows):
-        density = joint_density(value[rows], width[rows], anchor_scan.value, accuracy(rows))
-        may = (anchor_scan.label < 0) | (anchor_scan.label == rays.anchor[rows, None])
-        share = np.where(may, chance[rows, None] * ratio[rows] * density, 0.0)
-        caused = by_anchor(share, rays.anchor[rows], len(sought))
-        over_walls = by_anchor(share * (rays.bounces[rows, None] > 0), rays.anchor[rows], len(sought))
-    mine = np.flatnonzero(sure & sought[rays.anchor] & (chance > 0))
-    level: float | Array = radio.false_alarms
-    total = np.zeros((len(sought), len(centre)))
-    if mass is not None and len(mine):
-        given = _given_angles(predicted[mine], spread[mine], anchor_scan.value, accuracy(mine))
-        may = (anchor_scan.label < 0) | (anchor_scan.label == rays.anchor[mine, None])
-        share = chance[mine, None] * ratio[mine] * _over_offsets(given, mass[rays.anchor[mine]], centre)
-        caused += by_anchor(np.where(may, share, 0.0), rays.anchor[mine], len(sought))
-        level = _unknown(anchor_scan.label, caused, radio)
-        direct = np.flatnonzero(rays.bounces == 0)
-        direct = direct[np.argsort(rays.anchor[direct])]
-        if len(direct) == len(sought):
-            flat = level / (radio.span_m * 4 * np.pi**2)
-            over = over_walls.sum(0) - over_walls + flat
-            able = (anchor_scan.label < 0) | (anchor_scan.label == np.arange(len(sought))[:, None])
-            sights = Sights(np.minimum(chance[direct], IN_SIGHT), accuracy(direct), able, over)
-            total += sight_votes(
-                bare.belief, sights, anchor_scan, model, sought, known, mass, centre,
-                np.random.default_rng([work.seed, bare.step, PURPOSE]),
-            )  # fmt: skip
-            mine = mine[rays.bounces[mine] > 0]
-    clutter = level / (radio.span_m * 4 * np.pi**2) + caused.sum(0) - caused
-    if len(mine):
-        sender = rays.anchor[mine]
-        able = (anchor_scan.label < 0) | (anchor_scan.label == sender[:, None])
-        others = np.where(able, clutter[sender] / ratio[mine], np.inf)
-        each = clock_evidence(
-            predicted[mine], spread[mine], chance[mine], anchor_scan.value, accuracy(mine), others, centre
-        )
-        total += by_anchor(each, sender, len(sought))
+    paths = Candidates.of(bare, scan, model, work)
+    sender, total = paths.rays.anchor, np.zeros((len(sought), len(centre)))
+    telling = np.flatnonzero(paths.telling(witnessed) & sought[sender] & (paths.chance > 0))
+    if not len(telling):
+        return total
+    of_set = np.flatnonzero(known[sender] & (paths.chance > LEAST_CHANCE))
+    caused, over_walls = _by_set_clocks(paths, of_set, value, width, len(sought))
+    level: float | Array = model.radio.false_alarms
+    if mass is not None:
+        caused = caused + _by_open_clocks(paths, telling, mass, centre)
+        level = _unknown(paths.scan.label, caused, model.radio)
+        lines_of_sight = one_per_anchor(paths.rays, len(sought))
+        if lines_of_sight is not None:
+            if not len(of_set):  # then all that open ones may have caused counts, lines of sight included
+                over_walls = caused
+            sights = _sights(paths, lines_of_sight, over_walls, level)
+            draw = np.random.default_rng([work.seed, bare.step, PURPOSE])
+            total += sight_votes(bare.belief, sights, paths.scan, model, sought, known, mass, centre, draw)
+            telling = telling[paths.rays.bounces[telling] > 0]
+    if len(telling):
+        clutter = _clutter_density(level, model.radio) + caused.sum(0) - caused
+        total += by_anchor(_by_paths(paths, telling, clutter, centre), sender[telling], len(sought))
     return total
+
+
+def _by_set_clocks(
+    paths: Candidates, chosen: NDArray[np.intp], value: Array, spread: Array, anchors: int
+) -> tuple[Array, Array]:
+    """Density of measurements by paths of anchors whose clocks are set: all, and those over walls; (J, M).
+
+    Parameters
+    ----------
+    value, spread : (L, 3), (L, 3, 3)
+        Of all paths, as believed with their clocks.
+    """
+    if not len(chosen):
+        nothing = np.zeros((anchors, len(paths.scan)))
+        return nothing, nothing
+    density = joint_density(value[chosen], spread[chosen], paths.scan.value, paths.std(chosen))
+    share, sender = paths.shares(chosen, density), paths.rays.anchor[chosen]
+    over_walls = share * (paths.rays.bounces[chosen, None] > 0)
+    return by_anchor(share, sender, anchors), by_anchor(over_walls, sender, anchors)
+
+
+def _by_open_clocks(paths: Candidates, chosen: NDArray[np.intp], mass: Array, centre: Array) -> Array:
+    """Density of measurements by paths of anchors whose offsets have a mass (J, C) over cells, (J, M)."""
+    sender, predicted, spread = paths.rays.anchor[chosen], paths.predicted[chosen], paths.spread[chosen]
+    given = given_angles(predicted, spread, paths.scan.value, paths.std(chosen))
+    return by_anchor(
+        paths.shares(chosen, density_over_offsets(given, mass[sender], centre)), sender, len(mass)
+    )
+
+
+def _sights(paths: Candidates, direct: NDArray[np.intp], over_walls: Array, level: Array) -> Sights:
+    """Lines of sight (J,) for votes; everything else is over walls of anchors (J, M), or clutter (M,)."""
+    others = over_walls.sum(0) - over_walls + _clutter_density(level, paths.radio)
+    chance = np.minimum(paths.chance[direct], IN_SIGHT)
+    return Sights(chance, paths.std(direct), paths.able(direct), others)
+
+
+def _by_paths(paths: Candidates, chosen: NDArray[np.intp], clutter: Array, centre: Array) -> Array:
+    """Log evidence (K, C) of chosen paths about their clocks; `clutter` is its density by anchor, (J, M)."""
+    others = np.where(paths.able(chosen), clutter[paths.rays.anchor[chosen]] / paths.ratio[chosen], np.inf)
+    return clock_evidence(
+        paths.predicted[chosen], paths.spread[chosen], paths.chance[chosen], paths.scan.value,
+        paths.std(chosen), others, centre,
+    )  # fmt: skip
 
 
 def sights_evidence(
@@ -141,31 +159,25 @@ def sights_evidence(
     unknown.
     """
     radio, paths = model.radio, predict_every_path(bare, model, work=work)
-    direct = np.flatnonzero(paths.rays.bounces == 0)
-    direct = direct[np.argsort(paths.rays.anchor[direct])]
-    if len(direct) != len(sought):
+    direct = one_per_anchor(paths.rays, len(sought))
+    if direct is None:
         return np.zeros((len(sought), len(centre)))
     length, heard = paths.prediction.length[direct], work.once(whole_scan, scan, model)
     amplitude, steep = radio.amplitude(length), lean(length, np.asarray(model.anchor_heights))
-    accuracy = _deviations(heard, amplitude, paths.prediction.value[direct, 1:], steep, radio)
+    accuracy = all_deviations(heard, amplitude, paths.prediction.value[direct, 1:], steep, radio)
     level = _unknown(heard.label, np.zeros((1, len(heard))), radio)
-    flat = level / (radio.span_m * 4 * np.pi**2)
-    able = (heard.label < 0) | (heard.label == np.arange(len(sought))[:, None])
+    able = may_be_of(heard.label, np.arange(len(sought)))
     chance = IN_SIGHT * radio.detection_probability(amplitude)
-    clutter = np.broadcast_to(flat, able.shape)
+    clutter = np.broadcast_to(_clutter_density(level, radio), able.shape)
     return sight_votes(
         bare.belief, Sights(chance, accuracy, able, clutter), heard, model, sought,
         np.zeros_like(sought), mass, centre, np.random.default_rng([work.seed, bare.step, PURPOSE_OF_SIGHTS]),
     )  # fmt: skip
 
 
-def _over_offsets(given: tuple[Array, Array, Array], mass: Array, centre: Array) -> Array:
-    """Density of measurements by paths whose clock's offset has a mass (L, C) over cells, (L, M)."""
-    shift, variance, weight = given
-    normal = np.exp(-0.5 * (centre - shift[..., None]) ** 2 / variance[..., None])
-    return np.asarray(
-        weight * (normal * mass[:, None]).sum(-1) / np.sqrt(2 * np.pi * (variance + CELL_M**2 / 12))
-    )
+def _clutter_density(level: float | Array, radio: RadioModel) -> Array:
+    """Density of so much clutter over distance and both angles, 1 / (m rad^2)."""
+    return np.asarray(level / (radio.span_m * 4 * np.pi**2))
 
 
 def _unknown(labels: NDArray[np.integer[Any]], caused: Array, radio: RadioModel) -> Array:
@@ -173,15 +185,10 @@ def _unknown(labels: NDArray[np.integer[Any]], caused: Array, radio: RadioModel)
 
     While walls are unknown, most paths are over them.
     """
-    flat = radio.false_alarms / (radio.span_m * 4 * np.pi**2)
+    flat = _clutter_density(radio.false_alarms, radio)
     left = flat / (flat + caused.sum(0))
     alike = labels[:, None] == labels
     return np.asarray(np.maximum(alike @ left, radio.false_alarms))
-
-
-def by_anchor(value: Array, sender: NDArray[np.integer[Any]], anchors: int) -> Array:
-    """Sums (J, ...) of the rows of each anchor's paths."""
-    return np.array([value[sender == anchor].sum(0) for anchor in range(anchors)])
 
 
 def clock_evidence(
@@ -218,7 +225,7 @@ def clock_evidence(
         That of an anchor is the sum over its paths.
     """
     known = np.isfinite(measured[:, 0])
-    shift, variance, weight = _given_angles(predicted, spread, measured[known], std[:, known])
+    shift, variance, weight = given_angles(predicted, spread, measured[known], std[:, known])
     variance = variance + CELL_M**2 / 12
     height = chance[:, None] * weight / clutter[:, known] / np.sqrt(2 * np.pi * variance)
     nothing = NOTHING * (1 - chance[:, None])
@@ -236,47 +243,3 @@ def clock_evidence(
     density = height[pair] * np.exp(-((centre[cell] - late[pair]) ** 2) / width[pair])
     caused = np.bincount(path[pair] * len(centre) + cell, density, len(chance) * len(centre))
     return np.asarray(np.log(1 - chance[:, None] + caused.reshape(len(chance), -1)))
-
-
-def joint_density(predicted: Array, spread: Array, measured: Array, std: Array) -> Array:
-    """Density of measurements (M, 3) over distance and both angles, had one of L paths caused them, (L, M).
-
-    Parameters
-    ----------
-    predicted, spread, measured, std
-        As of `clock_evidence`; 0 where no distance was measured.
-    """
-    known = np.isfinite(measured[:, 0])
-    density = np.zeros((len(predicted), len(measured)))
-    shift, variance, weight = _given_angles(predicted, spread, measured[known], std[:, known])
-    density[:, known] = weight * np.exp(-0.5 * shift**2 / variance) / np.sqrt(2 * np.pi * variance)
-    return density
-
-
-def _given_angles(value: Array, own: Array, measured: Array, deviation: Array) -> tuple[Array, Array, Array]:
-    """Distance left over given the angles, its variance, and the angles' density, (L, M) each."""
-    residual = measured - value[:, None]
-    residual[..., 1:] = wrap(residual[..., 1:])
-    missing = ~(np.isfinite(measured[:, 1:]) & np.isfinite(deviation[..., 1:]))
-    turn, twist = np.where(missing, 0.0, residual[..., 1:]).transpose(2, 0, 1)
-    noise = np.square(deviation)
-    # joint covariance of the distance, one angle and the other; an angle without measurement has its own
-    one = np.where(missing[..., 0], ANY_DIRECTION, own[:, 1, 1, None] + noise[..., 1])
-    other = np.where(missing[..., 1], ANY_DIRECTION, own[:, 2, 2, None] + noise[..., 2])
-    both = np.where(missing.any(-1), 0.0, own[:, 1, 2, None])
-    near = np.where(missing[..., 0], 0.0, own[:, 0, 1, None])
-    far = np.where(missing[..., 1], 0.0, own[:, 0, 2, None])
-    size = one * other - both**2
-    first, last = (near * other - far * both) / size, (far * one - near * both) / size
-    shift = first * turn + last * twist
-    variance = own[:, 0, 0, None] + noise[..., 0] - first * near - last * far
-    exponent = (turn**2 * other - 2 * turn * twist * both + twist**2 * one) / size
-    weight = TURN_DENSITY * np.exp(-0.5 * exponent) / np.sqrt(size)
-    return residual[..., 0] - shift, variance, weight
-
-
-def _deviations(scan: AnchorScan, amplitude: Array, angles: Array, steep: Array, radio: RadioModel) -> Array:
-    """Deviations (L, M, 3) of all measurements, if paths of these amplitudes and angles caused them."""
-    paths, count = len(amplitude), len(scan)
-    every, each = np.tile(np.arange(count), paths), np.repeat(np.arange(paths), count)
-    return deviations(scan, every, amplitude[each], angles[each], radio, steep[each]).reshape(paths, count, 3)
