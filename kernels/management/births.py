@@ -37,6 +37,7 @@ from gridslam.kernels.primitives.radio import (
     AT_1M,
     FALSE_ALARMS,
     SAMPLES,
+    amplitude_of,
     clutter_of,
     deviations_of,
     lean_of,
@@ -66,7 +67,7 @@ def mean_rician(radio: ti.template(), anchor, distance, amplitude, other):
         total = 0.0
         at_1m, samples = radio[anchor, AT_1M], radio[anchor, SAMPLES]
         for n in range(BINS):
-            level = at_1m / ti.max(distance, 1e-3) * other * (n + 0.5) / BINS
+            level = amplitude_of(at_1m, distance) * other * (n + 0.5) / BINS
             total += rician(amplitude, level, samples) / BINS
     return total
 
@@ -217,7 +218,7 @@ def propose(
         std, level = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64), ti.Vector([0.0, 0.0], dt=ti.f64)
         if keep:
             amplitude = scan[m, AMPLITUDE]
-            usual = amplitude if amplitude >= 0 else anchors.radio[anchor, AT_1M] / ti.max(length, 1e-3) * 0.5
+            usual = amplitude if amplitude >= 0 else amplitude_of(anchors.radio[anchor, AT_1M], length) * 0.5
             std = known_std(anchors.radio, anchor, scan, m, usual, lean_of(length, place[ABOVE]))
             clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, amplitude)
             # what a hypothesis could be worth at most: the AoD right on, the image next to the anchor

@@ -23,6 +23,7 @@ from gridslam.kernels.primitives.radio import (
     AT_1M,
     FALSE_ALARMS,
     SAMPLES,
+    amplitude_of,
     clutter_of,
     detection_of,
     lean_of,
@@ -171,7 +172,7 @@ def hear(
 ):  # fmt: skip
     """Probability by coefficient that an anchor missed a line at a step; with the ratios of what it heard."""
     length = length_of(upright(line), place_of(anchors.places, j), left.pose[back, 0], left.pose[back, 1])
-    unit = anchors.radio[j, AT_1M] / ti.max(length, 1e-3) / BINS
+    unit = amplitude_of(anchors.radio[j, AT_1M], length) / BINS
     for n in range(BINS):
         missed = ti.max(1 - detection_of(unit * (n + 0.5), chance, step), LEAST_DOUBT)
         product[row, SILENT, n] = product[row, EITHER, n] = missed if length > 0 else 1.0

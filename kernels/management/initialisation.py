@@ -21,7 +21,7 @@ from gridslam.kernels.primitives.layout import (
     unknown_entry,
 )
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, lean_of, log_rician
+from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, amplitude_of, lean_of, log_rician
 from gridslam.kernels.primitives.tables import AMPLITUDE, AOA, AOD, DISTANCE, OWN_STD
 from gridslam.kernels.propagation.coefficients import BINS
 
@@ -187,9 +187,9 @@ def initialise_surface(
         newest, known = lines_in(head, size), (line_entry(head, surface) if surface >= 0 else 0)
         place = anchor_of(anchors.places, belief.mean, head, anchor)
         distance = scan[m, DISTANCE] - place[LATE]  # a length, whatever clocks made of it
-        at_1m = anchors.radio[anchor, AT_1M] / ti.max(distance, 1e-3)
+        lossless = amplitude_of(anchors.radio[anchor, AT_1M], distance)
         lean, level = lean_of(distance, place[ABOVE]), level_of(distance, place[ABOVE])
-        strength = ti.max(scan[m, AMPLITUDE] if scan[m, AMPLITUDE] >= 0 else 0.5 * at_1m, FAINTEST)
+        strength = ti.max(scan[m, AMPLITUDE] if scan[m, AMPLITUDE] >= 0 else 0.5 * lossless, FAINTEST)
         std = known_std(anchors.radio, anchor, scan, m, strength, lean)
         # where to linearise
         arrives, angle, angle_std = scan[m, OWN_STD + AOA] >= 0, scan[m, AOA], std[2]
@@ -223,5 +223,5 @@ def initialise_surface(
             out.fresh, head, anchor_of(anchors.places, out.fresh, head, anchor), bounces, *ends, scan,
             m, std, (2 if arrives else 1),
         )  # fmt: skip
-        full = at_1m * (1.0 if surface < 0 else USUAL_REFLECTION)
+        full = lossless * (1.0 if surface < 0 else USUAL_REFLECTION)
         believe_coefficient(out.coefficient, scan[m, AMPLITUDE], full, anchors.radio[anchor, SAMPLES])

@@ -50,7 +50,7 @@ from gridslam.kernels.primitives.functions import (
 )
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.radio import detection_of, log_rician
+from gridslam.kernels.primitives.radio import amplitude_of, detection_of, log_rician
 
 LEAST, MOST, MOST_RATIO = -45.0, 60.0, 1.1420073898156842e26
 """Logs of the least ratio of one measurement to clutter that is worked out, and of the largest; and that."""
@@ -65,7 +65,7 @@ def ratio_of(clues: ti.template(), a, step, m, log, length, coefficient):
     """Ratio to clutter of a path of this length, by the log that geometry alone says; 0 if it is so small."""
     ratio = ti.f64(0.0)
     if log + clues.measured[m, PEAK] > LEAST:
-        amplitude = clues.listener[a, AT_1M] * coefficient / ti.max(length, 1e-3)
+        amplitude = amplitude_of(clues.listener[a, AT_1M] * coefficient, length)
         if clues.measured[m, AMPLITUDE] >= 0:
             measured, samples = clues.measured[m, AMPLITUDE], clues.listener[a, SAMPLES]
             log += log_rician(measured, ti.max(amplitude, 1e-6), samples)
@@ -152,11 +152,11 @@ def score_poses(
                 length = slant_of(ax * ax + ay * ay, clues.listener[a, HEIGHT])
                 leaving, back = bearing_of(ax, ay), bearing_of(-ax, -ay)
                 at_1m = clues.listener[a, AT_1M]
-                total -= in_sight * detection_of(at_1m / ti.max(length, 1e-3), clues.chance, step)
+                total -= in_sight * detection_of(amplitude_of(at_1m, length), clues.chance, step)
                 for k in range(clues.own[a, KNOWN_FROM], clues.own[a, KNOWN_TO]):
                     over = known_length(clues, a, k, x, y)
                     if over > 0:
-                        level = at_1m * clues.known[k, COEFFICIENT] / ti.max(over, 1e-3)
+                        level = amplitude_of(at_1m * clues.known[k, COEFFICIENT], over)
                         total -= clues.known[k, CHANCE] * detection_of(level, clues.chance, step)
                 for m in range(clues.own[a, SCAN_FROM], clues.own[a, SCAN_TO]):
                     ratio = straight(clues, a, step, m, heading, leaving, back, length)

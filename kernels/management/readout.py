@@ -8,6 +8,7 @@ from gridslam.kernels.primitives.gaussian import path_of
 from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import LATE, anchor_of, line_entry
 from gridslam.kernels.primitives.packing import pack
+from gridslam.kernels.primitives.radio import amplitude_of
 from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, RAY_POSSIBLE
 from gridslam.kernels.propagation.coefficients import BINS
 from gridslam.kernels.propagation.paths import draw_path, stand_at
@@ -79,7 +80,8 @@ def tell_path(
         coefficient = table[last, 12] * (table[first, 12] if bounces == 2 else 1.0)
     for i in ti.static(range(3)):
         quantity[row, i] = value[i]
-    quantity[row, 3], quantity[row, 4] = at_1m / ti.max(value[0] - place[LATE], 1e-3) * coefficient, existence
+    quantity[row, 3] = amplitude_of(at_1m, value[0] - place[LATE]) * coefficient
+    quantity[row, 4] = existence
     for n in ti.static(range(8)):
         quantity[row, 5 + n] = drawn[row, n]
         if ti.static(2 <= n < 6) and bounces < (1 if ti.static(n < 4) else 2):

@@ -27,6 +27,12 @@ TURN_SQUARED = 39.47841760435743
 
 
 @ti.func
+def amplitude_of(at_1m, length):
+    """u of a path of a length, m, if `at_1m` is what it would have at 1 m: [Li2026grid], eq. (2)."""
+    return at_1m / ti.max(length, 1e-3)
+
+
+@ti.func
 def angle_std(angle, along_x, along_y, amplitude):
     """sigma of an angle seen by an array with mean square extents (along x, along y), rad."""
     s, c = sin_of(angle), cos_of(angle)

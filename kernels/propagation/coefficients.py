@@ -7,7 +7,7 @@ from gridslam.kernels.primitives.blocks import Coefficients, Drawn, Hits, Messag
 from gridslam.kernels.primitives.functions import decay_of, logarithm_of
 from gridslam.kernels.primitives.launching import copying, quick
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, detection_of, log_rician
+from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, amplitude_of, detection_of, log_rician
 from gridslam.kernels.primitives.tables import (
     ANCHOR,
     BOUNCES,
@@ -110,7 +110,7 @@ def say(
     missed = ti.max(1 - summary[SHARE, row], 0.0)
     at_1m, samples = radio[path[row, ANCHOR], AT_1M], radio[path[row, ANCHOR], SAMPLES]
     for n in range(BINS):
-        level = at_1m / ti.max(summary[HOW_LONG, row], 1e-3) * other * (n + 0.5) / BINS
+        level = amplitude_of(at_1m, summary[HOW_LONG, row]) * other * (n + 0.5) / BINS
         heard = detection_of(level, table, step)
         log[n] = missed * logarithm_of(1 - summary[OF_RAY, row] * heard + 1e-9)
         for k in range(begin[row], begin[row + 1]):
