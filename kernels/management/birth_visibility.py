@@ -8,7 +8,19 @@ from gridslam.kernels.primitives.functions import cos_of, sin_of
 from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import line_row, lines_in
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, RAY_POSSIBLE
+from gridslam.kernels.primitives.tables import (
+    ANCHOR,
+    BORN_ANCHOR,
+    BORN_FIRST,
+    BORN_LAST,
+    BOUNCES,
+    FIRST,
+    LAST,
+    LINE_ANGLE,
+    LINE_OFFSET,
+    OVER_CLUTTER,
+    RAY_POSSIBLE,
+)
 from gridslam.kernels.propagation.bundles import ALONG_X, LoneLeg, lay_leg, meet_cells, rows_alone
 from gridslam.kernels.propagation.paths import draw_path, stand_at
 
@@ -64,20 +76,18 @@ def weigh_by_visibility(
         stand_at(mean, head, sketch.state)
         own = line_row(surfaces)
         for b in range(births.born[0, 0]):
-            last, first, worth = births.born[b + 1, 1], births.born[b + 1, 2], births.proposal[b, 2]
-            sketch.state[own, 0], sketch.state[own + 1, 0] = (
-                cos_of(births.proposal[b, 0]),
-                sin_of(births.proposal[b, 0]),
-            )
-            sketch.state[own + 2, 0] = births.proposal[b, 1]
+            last, first = births.born[b + 1, BORN_LAST], births.born[b + 1, BORN_FIRST]
+            angle, worth = births.proposal[b, LINE_ANGLE], births.proposal[b, OVER_CLUTTER]
+            sketch.state[own, 0], sketch.state[own + 1, 0] = cos_of(angle), sin_of(angle)
+            sketch.state[own + 2, 0] = births.proposal[b, LINE_OFFSET]
             sketch.path[0, BOUNCES] = 1 if last < 0 and first < 0 else 2
-            sketch.path[0, ANCHOR] = births.born[b + 1, 3]
+            sketch.path[0, ANCHOR] = births.born[b + 1, BORN_ANCHOR]
             sketch.path[0, LAST] = surfaces if last < 0 else last
             sketch.path[0, FIRST] = surfaces if first < 0 else first
             draw_path(sketch.state, sketch.path, places, 0, 0, sketch.drawn)
-            births.proposal[b, 2] = ELSEWHERE * worth
+            births.proposal[b, OVER_CLUTTER] = ELSEWHERE * worth
             if sketch.drawn[0, RAY_POSSIBLE] > 0.5:
-                births.proposal[b, 2] = worth * alone(
+                births.proposal[b, OVER_CLUTTER] = worth * alone(
                     sketch.drawn, sketch.path[0, BOUNCES], wide, occupied, frame, sketch.line, sketch.place
                 )
         sum_up(births.born, births.proposal, measured)

@@ -43,7 +43,23 @@ from gridslam.kernels.primitives.radio import (
     lean_of,
     rician,
 )
-from gridslam.kernels.primitives.tables import AMPLITUDE, AOA, AOD, DISTANCE, EXPLAINED, LABEL, NEW, OWN_STD
+from gridslam.kernels.primitives.tables import (
+    AMPLITUDE,
+    AOA,
+    AOD,
+    BORN_ANCHOR,
+    BORN_FIRST,
+    BORN_LAST,
+    BORN_OF,
+    DISTANCE,
+    EXPLAINED,
+    LABEL,
+    LINE_ANGLE,
+    LINE_OFFSET,
+    NEW,
+    OVER_CLUTTER,
+    OWN_STD,
+)
 from gridslam.kernels.propagation.coefficients import BINS
 
 BLOCK = PATH_BLOCK
@@ -171,8 +187,8 @@ def sum_up(born: ti.template(), proposal: ti.template(), measured: ti.template()
     for m in range(measured.shape[1]):
         measured[NEW, m] = 0.0
     for b in range(born[0, 0]):
-        before = measured[NEW, born[b + 1, 0]]
-        measured[NEW, born[b + 1, 0]] = before + proposal[b, 2]
+        before = measured[NEW, born[b + 1, BORN_OF]]
+        measured[NEW, born[b + 1, BORN_OF]] = before + proposal[b, OVER_CLUTTER]
     for m in range(measured.shape[1]):
         total = measured[NEW, m]
         measured[NEW, m] = 1 + total
@@ -285,13 +301,10 @@ def propose(
                     length, arrives = scan[m, DISTANCE] - place[LATE], scan[m, OWN_STD + AOA] >= 0
                     seen = scan[m, AOA] if arrives else scan[m, AOD]
                     angle, offset = line_of(mean, head, length, seen, arrives, place, last, first)
-                    births.proposal[count, 0], births.proposal[count, 1], births.proposal[count, 2] = (
-                        angle,
-                        offset,
-                        births.ratio[m, n],
-                    )
+                    births.proposal[count, LINE_ANGLE], births.proposal[count, LINE_OFFSET] = angle, offset
+                    births.proposal[count, OVER_CLUTTER] = births.ratio[m, n]
                     count += 1
-                    births.born[count, 0], births.born[count, 1], births.born[count, 2] = m, last, first
-                    births.born[count, 3] = anchor
+                    births.born[count, BORN_OF], births.born[count, BORN_ANCHOR] = m, anchor
+                    births.born[count, BORN_LAST], births.born[count, BORN_FIRST] = last, first
         births.born[0, 0] = count
         sum_up(births.born, births.proposal, measured)

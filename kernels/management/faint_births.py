@@ -29,7 +29,16 @@ from gridslam.kernels.primitives.radio import (
     lean_of,
     log_rician,
 )
-from gridslam.kernels.primitives.tables import AMPLITUDE, AOA, AOD, DISTANCE
+from gridslam.kernels.primitives.tables import (
+    AMPLITUDE,
+    AOA,
+    AOD,
+    DISTANCE,
+    LEFT_AMPLITUDE,
+    LEFT_ANCHOR,
+    LEFT_STD,
+    LEFT_VALUE,
+)
 from gridslam.kernels.propagation.coefficients import BINS
 
 NEAR_M, NEAR_RAD = 0.6, 0.6
@@ -78,7 +87,8 @@ def is_near(gap):
 @ti.func
 def left_of(left: ti.template(), h):
     """Distance, AoD and AoA of what was left over."""
-    return ti.Vector([left.rows[h, 1], left.rows[h, 2], left.rows[h, 3]], dt=ti.f64)
+    distance, departure, arrival = ti.static(LEFT_VALUE, LEFT_VALUE + AOD, LEFT_VALUE + AOA)
+    return ti.Vector([left.rows[h, distance], left.rows[h, departure], left.rows[h, arrival]], dt=ti.f64)
 
 
 @ti.func
@@ -112,7 +122,7 @@ def corrected(
 @ti.func
 def log_ratio(h, back, line, covariance, anchors: ti.template(), left: ti.template()):
     """Log density of a measurement at a line over clutter's, amplitudes left out; and whether it is near."""
-    anchor = ti.cast(left.rows[h, 0], ti.i32)
+    anchor = ti.cast(left.rows[h, LEFT_ANCHOR], ti.i32)
     place, log, near = place_of(anchors.places, anchor), ti.f64(0.0), False
     value, slope = bounce_of(line, place, left.pose[back, 0], left.pose[back, 1], left.pose[back, 2])
     gap = missed_by(left_of(left, h), value)
@@ -120,7 +130,7 @@ def log_ratio(h, back, line, covariance, anchors: ti.template(), left: ti.templa
         near = True
         spread = ti.Matrix.zero(ti.f64, 3, 3)
         for i in ti.static(range(3)):
-            spread[i, i] += left.rows[h, 4 + i] ** 2
+            spread[i, i] += left.rows[h, LEFT_STD + i] ** 2
             for j in ti.static(range(3)):
                 for p in ti.static(range(3)):
                     for q in ti.static(range(3)):
@@ -130,8 +140,8 @@ def log_ratio(h, back, line, covariance, anchors: ti.template(), left: ti.templa
                         spread[i, j] += slope[i, 3 + p] * covariance[p, q] * slope[j, 3 + q]
         inverse, determinant = inverse_of(spread)
         log = -0.5 * (gap.dot(inverse @ gap) + logarithm_of(determinant) + LOG_TURN_CUBED)
-        clutter = anchors.radio[anchor, FALSE_ALARMS] * clutter_of(anchors.radio, anchor, left.rows[h, 7])
-        log -= logarithm_of(clutter)
+        clutter = clutter_of(anchors.radio, anchor, left.rows[h, LEFT_AMPLITUDE])
+        log -= logarithm_of(anchors.radio[anchor, FALSE_ALARMS] * clutter)
     return log, near
 
 
@@ -157,9 +167,9 @@ def any_near(line, anchors: ti.template(), left: ti.template()):
     found, wall = False, upright(line)
     for back in range(left.pose.shape[0]):
         for h in range(left.begin[back], ti.select(found, 0, left.begin[back + 1])):
-            place = place_of(anchors.places, ti.cast(left.rows[h, 0], ti.i32))
+            place = place_of(anchors.places, ti.cast(left.rows[h, LEFT_ANCHOR], ti.i32))
             length = ti.abs(length_of(wall, place, left.pose[back, 0], left.pose[back, 1]))
-            if ti.abs(left.rows[h, 1] - length) < NEAR_M:
+            if ti.abs(left.rows[h, LEFT_VALUE] - length) < NEAR_M:
                 value, _ = bounce_of(line, place, left.pose[back, 0], left.pose[back, 1], left.pose[back, 2])
                 found = found or is_near(missed_by(left_of(left, h), value))
     return found
@@ -177,10 +187,12 @@ def hear(
         missed = ti.max(1 - detection_of(unit * (n + 0.5), chance, step), LEAST_DOUBT)
         product[row, SILENT, n] = product[row, EITHER, n] = missed if length > 0 else 1.0
     for h in range(left.begin[back], left.begin[back + 1]):
-        if left.rows[h, 0] == j and length > 0 and ti.abs(left.rows[h, 1] - length) < NEAR_M:
+        heard = left.rows[h, LEFT_ANCHOR] == j and length > 0
+        if heard and ti.abs(left.rows[h, LEFT_VALUE] - length) < NEAR_M:
             log, near = log_ratio(h, back, line, covariance, anchors, left)
             for n in range(BINS if near else 0):
-                loud = log + log_rician(left.rows[h, 7], unit * (n + 0.5), anchors.radio[j, SAMPLES])
+                amplitude, samples = left.rows[h, LEFT_AMPLITUDE], anchors.radio[j, SAMPLES]
+                loud = log + log_rician(amplitude, unit * (n + 0.5), samples)
                 either = product[row, EITHER, n] + decay_of(ti.min(loud, MOST_LOG))
                 product[row, EITHER, n] = either
 

@@ -9,7 +9,26 @@ from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.layout import LATE, anchor_of, line_entry
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.radio import amplitude_of
-from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, RAY_POSSIBLE
+from gridslam.kernels.primitives.tables import (
+    ANCHOR,
+    BOUNCES,
+    BY_COEFFICIENTS,
+    COEFFICIENT_VARIANCE,
+    CORNERS,
+    EXISTS,
+    FIRST,
+    FROM_ANCHOR,
+    LAST,
+    LINE,
+    LINE_COVARIANCE,
+    MEAN_COEFFICIENT,
+    OVER_FIRST,
+    OVER_LAST,
+    RAY_POSSIBLE,
+    SFV,
+    SFV_COVARIANCE,
+    STRETCH,
+)
 from gridslam.kernels.propagation.coefficients import BINS
 from gridslam.kernels.propagation.paths import draw_path, stand_at
 from gridslam.kernels.propagation.rays import enter_path, listed
@@ -37,24 +56,27 @@ def tell_surface(
     by_angle, own = covariance[at, at], covariance[at + 1, at + 1]
     both = sign * covariance[at, at + 1]
     angle += ti.select(turned, pi, 0 * pi)
-    table[s, 0], table[s, 1] = angle - 2 * pi * ti.floor(angle / (2 * pi) + 0.5), ti.abs(offset)
-    table[s, 2], table[s, 3], table[s, 4], table[s, 5] = by_angle, both, both, own
-    table[s, 6], table[s, 7] = 2 * offset * cosine, 2 * offset * sine
+    table[s, LINE] = angle - 2 * pi * ti.floor(angle / (2 * pi) + 0.5)
+    table[s, LINE + 1] = ti.abs(offset)
+    table[s, LINE_COVARIANCE], table[s, LINE_COVARIANCE + 1] = by_angle, both
+    table[s, LINE_COVARIANCE + 2], table[s, LINE_COVARIANCE + 3] = both, own
+    table[s, SFV], table[s, SFV + 1] = 2 * offset * cosine, 2 * offset * sine
     # derivatives of the mirror image of the origin by the line as it was
     ax, ay, bx, by = -2 * offset * sine, 2 * offset * cosine, 2 * cosine, 2 * sine
     cross = covariance[at, at + 1]
-    table[s, 8] = ax * ax * by_angle + 2 * ax * bx * cross + bx * bx * own
-    table[s, 9] = ax * ay * by_angle + (ax * by + ay * bx) * cross + bx * by * own
-    table[s, 10] = table[s, 9]
-    table[s, 11] = ay * ay * by_angle + 2 * ay * by * cross + by * by * own
+    table[s, SFV_COVARIANCE] = ax * ax * by_angle + 2 * ax * bx * cross + bx * bx * own
+    table[s, SFV_COVARIANCE + 1] = ax * ay * by_angle + (ax * by + ay * bx) * cross + bx * by * own
+    table[s, SFV_COVARIANCE + 2] = table[s, SFV_COVARIANCE + 1]
+    table[s, SFV_COVARIANCE + 3] = ay * ay * by_angle + 2 * ay * by * cross + by * by * own
     first, second = 0 * pi, 0 * pi
     for n in range(BINS):
         level = (ti.cast(n, ti.f64) + 0.5) / BINS
         first += level * reflection[s, n]
         second += level * level * reflection[s, n]
-    table[s, 12], table[s, 13] = first, second - first * first
+    table[s, MEAN_COEFFICIENT], table[s, COEFFICIENT_VARIANCE] = first, second - first * first
     low, high = extent[s, 0], extent[s, 1]
-    table[s, 14], table[s, 15] = ti.select(turned, -high, low), ti.select(turned, -low, high)
+    table[s, STRETCH] = ti.select(turned, -high, low)
+    table[s, STRETCH + 1] = ti.select(turned, -low, high)
 
 
 @ti.func
@@ -74,18 +96,19 @@ def tell_path(
     place = anchor_of(places, mean, head, anchor)
     value, _slope = path_of(mean, head, place, bounces, last, first)
     coefficient = ti.f64(1.0)
-    number[row, 0], number[row, 1], number[row, 2] = anchor, -1, -1
+    number[row, FROM_ANCHOR], number[row, OVER_LAST], number[row, OVER_FIRST] = anchor, -1, -1
     if bounces > 0:
-        number[row, 1], number[row, 2] = identity[last], identity[first]
-        coefficient = table[last, 12] * (table[first, 12] if bounces == 2 else 1.0)
+        number[row, OVER_LAST], number[row, OVER_FIRST] = identity[last], identity[first]
+        by_first = table[first, MEAN_COEFFICIENT] if bounces == 2 else 1.0
+        coefficient = table[last, MEAN_COEFFICIENT] * by_first
     for i in ti.static(range(3)):
         quantity[row, i] = value[i]
-    quantity[row, 3] = amplitude_of(at_1m, value[0] - place[LATE]) * coefficient
-    quantity[row, 4] = existence
+    quantity[row, BY_COEFFICIENTS] = amplitude_of(at_1m, value[0] - place[LATE]) * coefficient
+    quantity[row, EXISTS] = existence
     for n in ti.static(range(8)):
-        quantity[row, 5 + n] = drawn[row, n]
+        quantity[row, CORNERS + n] = drawn[row, n]
         if ti.static(2 <= n < 6) and bounces < (1 if ti.static(n < 4) else 2):
-            quantity[row, 5 + n] = ti.bit_cast(ti.cast(NAN[0], ti.i64) << NAN[1], ti.f64)
+            quantity[row, CORNERS + n] = ti.bit_cast(ti.cast(NAN[0], ti.i64) << NAN[1], ti.f64)
 
 
 @copying("belief", "links", "extent", "reflection")

@@ -9,7 +9,9 @@ from gridslam.kernels.primitives.tables import (
     CHANCE,
     CLAIM,
     CLAIMED,
+    DENSITY,
     DETECTED,
+    DETERMINANT,
     EXISTENCE,
     EXPLAINED,
     MISSED,
@@ -18,6 +20,7 @@ from gridslam.kernels.primitives.tables import (
     OPEN,
     POSSIBLE,
     RATIO,
+    SCAN_ROW,
     SURFACES,
     THERE,
 )
@@ -59,17 +62,17 @@ def enter(
             message[RATIO, row, m], message[BETA, row, m] = 0.0, 0.0
         among = ti.f64(0.0)
         for k in range(start[row], start[row + 1]):
-            m, total = index[k, 1], ti.f64(0.0)
+            m, total = index[k, SCAN_ROW], ti.f64(0.0)
             for block in range(count):
                 total += blocks[paths + k, block]
-            mean = total / particles / (ROOT_TURN_CUBED * ti.sqrt(pair[k, 7]))
-            ratio = pair[k, 6] * mean / ti.max(possible, LEAST_POSSIBLE)
+            mean = total / particles / (ROOT_TURN_CUBED * ti.sqrt(pair[k, DETERMINANT]))
+            ratio = pair[k, DENSITY] * mean / ti.max(possible, LEAST_POSSIBLE)
             message[RATIO, row, m], message[BETA, row, m] = ratio, odds[THERE, row] * ratio
             among += odds[THERE, row] * ratio
         for k in range(start[row], start[row + 1]):
-            beta, before = message[BETA, row, index[k, 1]], measured[EXPLAINED, index[k, 1]]
+            beta, before = message[BETA, row, index[k, SCAN_ROW]], measured[EXPLAINED, index[k, SCAN_ROW]]
             share = beta / ti.max(among, NO_MESSAGE)  # a path that sent another one explains this one less
-            measured[EXPLAINED, index[k, 1]] = before + share * beta
+            measured[EXPLAINED, index[k, SCAN_ROW]] = before + share * beta
 
 
 @ti.func

@@ -16,7 +16,26 @@ from gridslam.kernels.primitives.layout import HEIGHT
 from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.particles import BLOCK, draw_block
 from gridslam.kernels.primitives.radio import SENDER, SPAN, deviations_of, lean_of
-from gridslam.kernels.primitives.tables import ANCHOR, AS_CLUTTER, DISTANCE, LABEL, LENGTH, OWN_STD, QUIET
+from gridslam.kernels.primitives.tables import (
+    ANCHOR,
+    AOA,
+    AOD,
+    AS_CLUTTER,
+    COVARIANCE,
+    DENSITY,
+    DETERMINANT,
+    DISTANCE,
+    FARTHEST,
+    INVERSE,
+    LABEL,
+    LENGTH,
+    NEAREST,
+    OWN_STD,
+    PATH_ROW,
+    QUIET,
+    SCAN_ROW,
+    VARIANCE,
+)
 from gridslam.kernels.propagation.amplitudes import NEGLIGIBLE, prior_existence, weigh
 from gridslam.kernels.propagation.paths import densities
 
@@ -50,7 +69,7 @@ def gate(
                 amplitude = ti.max(scratch.strength[1, row, m], FAINTEST)
                 lean = lean_of(rows.predicted[row, LENGTH], places[anchor, HEIGHT])
                 std = deviations_of(
-                    radio, anchor, amplitude, rows.predicted[row, 1], rows.predicted[row, 2], lean
+                    radio, anchor, amplitude, rows.predicted[row, AOD], rows.predicted[row, AOA], lean
                 )
                 near, absent = True, ti.f64(1.0)
                 variance = ti.Vector([0.0, 0.0, 0.0], dt=ti.f64)
@@ -69,7 +88,7 @@ def gate(
                         absent *= ROOT_TURN * ti.sqrt(ti.cast(UNMEASURED, ti.f64)) / flat
                         variance[q] = UNMEASURED
                         std[q] = 0.0
-                    reach = GATE * ti.sqrt(rows.predicted[row, 3 + 4 * q] + std[q] * std[q])
+                    reach = GATE * ti.sqrt(rows.predicted[row, COVARIANCE + 4 * q] + std[q] * std[q])
                     reach += MARGIN_M if ti.static(q == 0) else MARGIN_RAD
                     if not (ti.abs(gap) < reach):
                         near = False
@@ -77,23 +96,24 @@ def gate(
                     total = ti.Matrix.zero(ti.f64, 3, 3)
                     for i in ti.static(range(3)):
                         for j in ti.static(range(3)):
-                            total[i, j] = bandwidth * rows.predicted[row, 3 + 3 * i + j]
+                            total[i, j] = bandwidth * rows.predicted[row, COVARIANCE + 3 * i + j]
                         total[i, i] += variance[i]
                     inverse, determinant = inverse_of(total)
                     reach = ti.min(GATE * ti.sqrt(total[0, 0]), 1e5)
-                    pairs.index[known, 0], pairs.index[known, 1] = row, m
+                    pairs.index[known, PATH_ROW], pairs.index[known, SCAN_ROW] = row, m
                     for q in ti.static(range(3)):
-                        pairs.pair[known, q], pairs.pair[known, 3 + q] = scan[m, q], variance[q]
+                        pairs.pair[known, q], pairs.pair[known, VARIANCE + q] = scan[m, q], variance[q]
                         scratch.table[known, q] = ti.cast(scan[m, q], ti.f32)
-                    pairs.pair[known, 6], pairs.pair[known, 7] = ratio * absent, determinant
-                    scratch.table[known, 3] = ti.cast(inverse[0, 0], ti.f32)
-                    scratch.table[known, 4] = ti.cast(inverse[1, 1], ti.f32)
-                    scratch.table[known, 5] = ti.cast(inverse[2, 2], ti.f32)
-                    scratch.table[known, 6] = ti.cast(inverse[0, 1], ti.f32)
-                    scratch.table[known, 7] = ti.cast(inverse[0, 2], ti.f32)
-                    scratch.table[known, 8] = ti.cast(inverse[1, 2], ti.f32)
-                    scratch.table[known, 9] = ti.cast(ti.max(scan[m, DISTANCE] - reach, -1e5), ti.f32)
-                    scratch.table[known, 10] = ti.cast(scan[m, DISTANCE] + reach, ti.f32)
+                    pairs.pair[known, DENSITY] = ratio * absent
+                    pairs.pair[known, DETERMINANT] = determinant
+                    scratch.table[known, INVERSE] = ti.cast(inverse[0, 0], ti.f32)
+                    scratch.table[known, INVERSE + 1] = ti.cast(inverse[1, 1], ti.f32)
+                    scratch.table[known, INVERSE + 2] = ti.cast(inverse[2, 2], ti.f32)
+                    scratch.table[known, INVERSE + 3] = ti.cast(inverse[0, 1], ti.f32)
+                    scratch.table[known, INVERSE + 4] = ti.cast(inverse[0, 2], ti.f32)
+                    scratch.table[known, INVERSE + 5] = ti.cast(inverse[1, 2], ti.f32)
+                    scratch.table[known, NEAREST] = ti.cast(ti.max(scan[m, DISTANCE] - reach, -1e5), ti.f32)
+                    scratch.table[known, FARTHEST] = ti.cast(scan[m, DISTANCE] + reach, ti.f32)
                     known += 1
         pairs.start[row + 1] = known
 

@@ -5,7 +5,20 @@ import taichi as ti
 from gridslam.kernels import PATH_BLOCK
 from gridslam.kernels.primitives.corrections import MEASURED, innovation_of, inverse_of
 from gridslam.kernels.primitives.radio import AT_1M, SAMPLES, THRESHOLD
-from gridslam.kernels.primitives.tables import AMPLITUDE, ANCHOR, BOUNCES, LABEL, LOUD, RESPONSIBLE
+from gridslam.kernels.primitives.tables import (
+    AMPLITUDE,
+    ANCHOR,
+    AOD,
+    BOUNCES,
+    COVARIANCE,
+    DISTANCE,
+    LABEL,
+    LOUD,
+    PATH_ROW,
+    RESPONSIBLE,
+    SCAN_ROW,
+    VARIANCE,
+)
 from gridslam.kernels.propagation.amplitudes import length_given
 
 SURE = 0.9
@@ -45,25 +58,25 @@ def fit(
             book(account.sums, ti.cast(ti.max(scan[m, LABEL], 0.0), ti.i32), add)
     for k in range(pairs.start[paths]):
         if account.share[k] > SURE:
-            row, m, add = pairs.index[k, 0], pairs.index[k, 1], ti.Vector.zero(ti.f64, 8)
+            row, m, add = pairs.index[k, PATH_ROW], pairs.index[k, SCAN_ROW], ti.Vector.zero(ti.f64, 8)
             anchor = rows.path[row, ANCHOR]
             core, value = ti.Matrix.zero(ti.f64, 3, 3), ti.Vector.zero(ti.f64, 3)
             for i in range(3):
                 value[i] = rows.predicted[row, i]
                 for j in range(3):
-                    core[i, j] = rows.predicted[row, 3 + 3 * i + j]
+                    core[i, j] = rows.predicted[row, COVARIANCE + 3 * i + j]
             gap, noisy = innovation_of(pairs.pair, k, value, core)
             inverse, _determinant = inverse_of(noisy)
             add[0] = ti.min(gap.dot(inverse @ gap), WORST)
             for i in range(3):
-                add[1] += 1.0 if pairs.pair[k, 3 + i] < MEASURED else 0.0
+                add[1] += 1.0 if pairs.pair[k, VARIANCE + i] < MEASURED else 0.0
             if rows.path[row, BOUNCES] == 0:
-                if pairs.pair[k, 4] < MEASURED:
+                if pairs.pair[k, VARIANCE + AOD] < MEASURED:
                     add[6] = (account.turned[anchor] - gap[1]) / noisy[1, 1]
                     add[7] = 1 / noisy[1, 1]
                 amplitude = scan[m, AMPLITUDE]
-                if pairs.pair[k, 3] < MEASURED and amplitude >= 0:
-                    length, unsure = length_given(rows, row, pairs.pair[k, 0], pairs.pair[k, 3])
+                if pairs.pair[k, VARIANCE + DISTANCE] < MEASURED and amplitude >= 0:
+                    length, unsure = length_given(rows, row, pairs.pair[k, DISTANCE], pairs.pair[k, VARIANCE])
                     level = radio[anchor, AT_1M] / length
                     square = 0.5 + level * level / (4 * radio[anchor, SAMPLES])
                     measured = ti.sqrt(ti.max(amplitude * amplitude - square, 0.0))

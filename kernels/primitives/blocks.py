@@ -285,9 +285,9 @@ class Description(NamedTuple):
 
 
 class BirthRows(NamedTuple):
-    """Scratch [M, A H], anchor by anchor; out: how many births there are, and of each its measurement, its
-    row of `known`, and its anchor [1 + M A H, 4]; line at the mean, and births over clutter, as mean numbers
-    [M A H, 3]."""
+    """Scratch [M, A H], anchor by anchor; out: how many births there are, and of each its measurement, known
+    surfaces and anchor [1 + M A H, 4]; line at the mean, and births over clutter, as mean numbers [M A H, 3]:
+    see `tables`."""
 
     ratio: Square
     born: Wholes

@@ -22,16 +22,20 @@ from gridslam.kernels.primitives.tables import (
     ANCHOR,
     BETA,
     BOUNCES,
+    DENSITY,
     FIRST,
     LAST,
     MISSED,
     NU,
     ORDER,
+    PATH_ROW,
     RESPONSIBLE,
+    SCAN_ROW,
     SURE,
     TAKEN,
     THERE,
     TOTAL,
+    VARIANCE,
 )
 
 MEASURED = 0.1 * UNMEASURED
@@ -59,8 +63,8 @@ def innovation_of(pair: ti.template(), k, value, core):
     """Measured minus predicted, 0 where nothing was measured, and its covariance."""
     gap, noisy = ti.Vector.zero(ti.f64, 3), core
     for i in ti.static(range(3)):
-        noisy[i, i] += pair[k, 3 + i]
-        if pair[k, 3 + i] < MEASURED:
+        noisy[i, i] += pair[k, VARIANCE + i]
+        if pair[k, VARIANCE + i] < MEASURED:
             gap[i] = pair[k, i] - value[i]
             if ti.static(i > 0):
                 gap[i] = wrapped(gap[i])
@@ -130,23 +134,23 @@ def correct_by(
                 g = inverse @ gap
                 if walk == 0:
                     scale = ti.sqrt((2 * PI) ** 3 * determinant)
-                    density = pairs.pair[k, 6] * decay_of(-0.5 * gap.dot(g)) / scale
+                    density = pairs.pair[k, DENSITY] * decay_of(-0.5 * gap.dot(g)) / scale
                     account.share[k] = (
-                        ratios.odds[THERE, row] * ratios.message[NU, row, pairs.index[k, 1]] * density
+                        ratios.odds[THERE, row] * ratios.message[NU, row, pairs.index[k, SCAN_ROW]] * density
                     )
                     total += account.share[k]
                 else:
-                    free = 1 - ratios.measured[TAKEN, pairs.index[k, 1]]
+                    free = 1 - ratios.measured[TAKEN, pairs.index[k, SCAN_ROW]]
                     part = ti.min(account.share[k] / total, ti.max(free, 0.0))
                     shift += part * g
                     change += part * (inverse - g.outer_product(g))
                     moved = True
     ratios.odds[TOTAL, row] = total
     for k in range(pairs.start[row], pairs.start[row + 1]):
-        taken = ratios.measured[TAKEN, pairs.index[k, 1]]
+        taken = ratios.measured[TAKEN, pairs.index[k, SCAN_ROW]]
         part = ti.min(account.share[k] / total, ti.max(1 - taken, 0.0))
         account.share[k] = part
-        ratios.measured[TAKEN, pairs.index[k, 1]] = taken + part
+        ratios.measured[TAKEN, pairs.index[k, SCAN_ROW]] = taken + part
     if moved:
         change += shift.outer_product(shift)
         for n in range(size):
@@ -205,4 +209,4 @@ def correct(
         row = ti.cast(ratios.odds[ORDER, turn], ti.i32)
         correct_by(row, belief, head, path, pairs, ratios, places, account, open)
     for k in range(pairs.start[path.shape[0]]):
-        ratios.message[RESPONSIBLE, pairs.index[k, 0], pairs.index[k, 1]] = account.share[k]
+        ratios.message[RESPONSIBLE, pairs.index[k, PATH_ROW], pairs.index[k, SCAN_ROW]] = account.share[k]

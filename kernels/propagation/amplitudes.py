@@ -14,6 +14,7 @@ from gridslam.kernels.primitives.radio import (
 from gridslam.kernels.primitives.tables import (
     AMPLITUDE,
     ANCHOR,
+    COVARIANCE,
     DETECTED,
     DISTANCE,
     EXISTENCE,
@@ -44,20 +45,21 @@ def prior_existence(odds: ti.template(), row):
 def is_clear(rows: ti.template(), row):
     """Whether a measured distance tells a path's length to `CLEAR`, whatever its clocks are."""
     learnt = rows.predicted[row, LEARNT]
-    left = rows.predicted[row, UNCLEAR] - learnt * learnt / ti.max(rows.predicted[row, 3], LEAST_VARIANCE)
+    variance = ti.max(rows.predicted[row, COVARIANCE], LEAST_VARIANCE)
+    left = rows.predicted[row, UNCLEAR] - learnt * learnt / variance
     return left <= (CLEAR * rows.predicted[row, LENGTH]) ** 2
 
 
 @ti.func
 def length_given(rows: ti.template(), row, distance, variance):
     """A path's length given its measured distance, and the share of it that remains unknown; (M541)."""
-    length = distance - rows.predicted[row, 0] + rows.predicted[row, LENGTH]
+    length = distance - rows.predicted[row, DISTANCE] + rows.predicted[row, LENGTH]
     length, unsure = ti.max(length, 1e-3), ti.f64(0.0)
     if not is_clear(rows, row):
         learnt = rows.predicted[row, LEARNT]
-        gain = learnt / (rows.predicted[row, 3] + variance)
+        gain = learnt / (rows.predicted[row, COVARIANCE] + variance)
         left = ti.sqrt(ti.max(rows.predicted[row, UNCLEAR] - gain * learnt, 0.0))
-        length = rows.predicted[row, LENGTH] + gain * (distance - rows.predicted[row, 0])
+        length = rows.predicted[row, LENGTH] + gain * (distance - rows.predicted[row, DISTANCE])
         length = ti.max(length, ti.max(left, 1e-3))
         unsure = left / length
     return length, unsure

@@ -16,7 +16,18 @@ from gridslam.kernels.primitives.device import ON_CPU, SPREAD
 from gridslam.kernels.primitives.functions import log_of
 from gridslam.kernels.primitives.launching import copying
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.tables import BOUNCES, CLIP, LEAST, RAY_POSSIBLE, VALIDITY
+from gridslam.kernels.primitives.tables import (
+    BOUNCES,
+    CLIP,
+    LEAST,
+    MEAN_CORNERS,
+    MEAN_VALIDITY,
+    MESSAGE,
+    RAY_POSSIBLE,
+    SENDS,
+    SHARE_POSSIBLE,
+    VALIDITY,
+)
 from gridslam.kernels.propagation.bundles import (
     ALONG_X,
     BEGIN,
@@ -255,20 +266,20 @@ def cast_path(
     casting: ti.template(), slabs: ti.template(),
 ):  # fmt: skip
     """Draw and cast the rays of one path, bundle by bundle, and send its messages to the cells."""
-    rays, count, a = draft.state.shape[1], listed.path[row, BOUNCES], casting.factor[row, 0]
+    rays, count, a = draft.state.shape[1], listed.path[row, BOUNCES], casting.factor[row, MESSAGE]
     possible, middle = 0, ti.Vector([0.0, 0.0, 0.0, 0.0], dt=ti.f64)
-    if casting.products.shape[0] > 0 or casting.factor[row, 1] > 0.5:
+    if casting.products.shape[0] > 0 or casting.factor[row, SENDS] > 0.5:
         possible = draw_rays(row, rays, places, draft, listed, casting.drawn, middle)
     # a path that is worth the same whether blocked or not sends nothing
-    send = casting.factor[row, 1] > 0.5 and a != 1.0 and possible > grid.frame[LEAST] * rays
+    send = casting.factor[row, SENDS] > 0.5 and a != 1.0 and possible > grid.frame[LEAST] * rays
     sums, known, hits = ti.Vector([0.0, 0.0], dt=ti.f64), 0, 0
     for group in range((rays + LANES - 1) // LANES if possible > 0 else 0):
         first, live = row * rays + group * LANES, ti.min(LANES, rays - group * LANES)
         cast_bundle(first, live, count, a, send, slab, grid, casting, slabs, sums, known, hits)
-    casting.seen[row, 0] = sums[OPEN_TO] / ti.max(possible, 1)
-    casting.seen[row, 1] = possible / ti.cast(rays, ti.f64)
+    casting.seen[row, MEAN_VALIDITY] = sums[OPEN_TO] / ti.max(possible, 1)
+    casting.seen[row, SHARE_POSSIBLE] = possible / ti.cast(rays, ti.f64)
     for n in ti.static(range(4)):
-        casting.seen[row, 2 + n] = middle[n]
+        casting.seen[row, MEAN_CORNERS + n] = middle[n]
     if casting.products.shape[0] > 0:
         coefficient_product(
             casting.drawn, listed.path, grid.where, grid.held, grid.reflection, grid.frame, row, rays,

@@ -18,6 +18,8 @@ from gridslam.kernels.primitives.tables import (
     ORIGIN_X,
     ORIGIN_Y,
     OTHER,
+    SENDS,
+    SHARE_POSSIBLE,
     SIDE,
 )
 from gridslam.kernels.propagation.bundles import cell_of
@@ -195,7 +197,7 @@ def learn(
         for row in range(messages.count[0]):
             bounces, last, first = messages.noted[row, 0], messages.noted[row, 1], messages.noted[row, 2]
             caused = messages.summary[SHARE, row] > LEAST_SHARE
-            send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
+            send = messages.factor[row, SENDS] > 0.5 and rays_cast.seen[row, SHARE_POSSIBLE] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
             tells = (bounces == 1 and (caused or send)) or (bounces == 2 and caused and send)
@@ -252,7 +254,7 @@ def learn_ratios(
         for row in range(messages.count[0]):
             bounces, last = messages.noted[row, 0], messages.noted[row, 1]
             caused = messages.summary[SHARE, row] > LEAST_SHARE
-            send = messages.factor[row, 1] > 0.5 and rays_cast.seen[row, 1] > frame[LEAST]
+            send = messages.factor[row, SENDS] > 0.5 and rays_cast.seen[row, SHARE_POSSIBLE] > frame[LEAST]
             if send and messages.summary[SHARE, row] > LIKELIER_THAN_NOT:
                 spot(messages.noted, row, rays_cast.seen, places, mean, head, hits, known.latest)
             if bounces == 1 and caused:

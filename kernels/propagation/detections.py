@@ -8,7 +8,7 @@ from gridslam.kernels.primitives.functions import cos_of, mirrored, sin_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import line_entry
 from gridslam.kernels.primitives.packing import pack
-from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST
+from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, SHARE_POSSIBLE
 
 NEAR_M = 1e-9
 """A path from a line to it again is reflected anywhere."""
@@ -117,5 +117,5 @@ def mark(
             latest[s] = -1
             place_again(s, mean, head, hits.extent, hits.outermost)
         for row in range(path.shape[0]):
-            if share[row] * seen[row, 1] > LIKELIER_THAN_NOT:
+            if share[row] * seen[row, SHARE_POSSIBLE] > LIKELIER_THAN_NOT:
                 spot(path, row, seen, places, mean, head, hits, latest)

@@ -3,7 +3,17 @@
 import taichi as ti
 
 from gridslam.kernels import LEAST_SENDING
-from gridslam.kernels.primitives.tables import AMPLITUDE, CHANCE, EXISTENCE, LENGTH, SURFACES, WORTH
+from gridslam.kernels.primitives.tables import (
+    AMPLITUDE,
+    CHANCE,
+    EXISTENCE,
+    LENGTH,
+    MESSAGE,
+    SCAN_ROW,
+    SENDS,
+    SURFACES,
+    WORTH,
+)
 
 OF_SURFACES, OF_RAY, SHARE, HOW_LONG = range(4)
 """Rows of `summary`: existence of a path's surfaces; chance that it is there, if they are; probability that
@@ -25,10 +35,12 @@ def note(
         for e in ti.static(range(4)):
             out.noted[n, e] = ti.select(fresh, rows.path[row, e], out.noted[n, e])
         belief, total = ratios.odds[SURFACES, row] * ratios.odds[EXISTENCE, row], ti.f64(0.0)
-        out.factor[n, 0] = ti.select(fresh, belief * ratios.odds[WORTH, row] + 1 - belief, out.factor[n, 0])
-        out.factor[n, 1] = 1.0 if belief > LEAST_SENDING else 0.0
+        message = belief * ratios.odds[WORTH, row] + 1 - belief
+        out.factor[n, MESSAGE] = ti.select(fresh, message, out.factor[n, MESSAGE])
+        out.factor[n, SENDS] = 1.0 if belief > LEAST_SENDING else 0.0
         for pair in range(pairs.start[row], pairs.start[row + 1]):
-            out.detection[0, k] = ti.select(fresh, scan[pairs.index[pair, 1], AMPLITUDE], out.detection[0, k])
+            amplitude = scan[pairs.index[pair, SCAN_ROW], AMPLITUDE]
+            out.detection[0, k] = ti.select(fresh, amplitude, out.detection[0, k])
             out.detection[1, k] = share[pair]
             total += share[pair]
             k += 1

@@ -29,7 +29,21 @@ from gridslam.kernels.primitives.layout import (
     rise_of,
     unknown_row,
 )
-from gridslam.kernels.primitives.tables import ANCHOR, BOUNCES, FIRST, LAST, NORMAL, OPEN, RAY_POSSIBLE
+from gridslam.kernels.primitives.tables import (
+    ANCHOR,
+    AOA,
+    AOD,
+    BOUNCES,
+    DISTANCE,
+    FARTHEST,
+    FIRST,
+    INVERSE,
+    LAST,
+    NEAREST,
+    NORMAL,
+    OPEN,
+    RAY_POSSIBLE,
+)
 
 BLOCK = PATH_BLOCK
 FINE = 4096.0
@@ -136,7 +150,7 @@ def weigh_pairs(
     out[row, block] = count
     wanted = 0
     for n in range(start[row], start[row + 1]):
-        near = count > 0.0 and pair[n, 9] * FINE <= high and pair[n, 10] * FINE >= low
+        near = count > 0.0 and pair[n, NEAREST] * FINE <= high and pair[n, FARTHEST] * FINE >= low
         out[paths + n, block] = 1.0 if near else 0.0
         wanted += 1 if near else 0
     if wanted > 0:
@@ -146,9 +160,9 @@ def weigh_pairs(
             tx[i], wx[i] = arrival, departure
         for n in range(start[row], start[row + 1]):
             if out[paths + n, block] > 0.0:
-                z0, z1, z2 = pair[n, 0], pair[n, 1], pair[n, 2]
-                i00, i11, i22 = pair[n, 3], pair[n, 4], pair[n, 5]
-                i01, i02, i12 = pair[n, 6], pair[n, 7], pair[n, 8]
+                z0, z1, z2 = pair[n, DISTANCE], pair[n, AOD], pair[n, AOA]
+                i00, i11, i22 = pair[n, INVERSE], pair[n, INVERSE + 1], pair[n, INVERSE + 2]
+                i01, i02, i12 = pair[n, INVERSE + 3], pair[n, INVERSE + 4], pair[n, INVERSE + 5]
                 total = 0.0
                 for i in range(BLOCK):
                     e0, e1, e2 = z0 - far[i], wrapped(z1 - wx[i]), wrapped(z2 - tx[i])

@@ -22,6 +22,23 @@ from gridslam.inference.state.rays import Rays, listed_at_most
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.kernels.primitives import blocks
+from gridslam.kernels.primitives.tables import (
+    AOA,
+    AOD,
+    BY_COEFFICIENTS,
+    COEFFICIENT_VARIANCE,
+    CORNERS,
+    DISTANCE,
+    EXISTS,
+    FROM_ANCHOR,
+    LINE,
+    LINE_COVARIANCE,
+    MEAN_COEFFICIENT,
+    OVER_LAST,
+    SFV,
+    SFV_COVARIANCE,
+    STRETCH,
+)
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 
@@ -92,20 +109,22 @@ def _described(
     path, number, quantity, found = scratch.path, scratch.number, scratch.quantity, scratch.found
     several = int(found[0])
     surfaces = SurfaceEstimate(
-        bank.identity.copy(), table[:, 6:8], table[:, 8:12].reshape(-1, 2, 2), table[:, :2],
-        table[:, 2:6].reshape(-1, 2, 2), table[:, 12], table[:, 13],
+        bank.identity.copy(), table[:, SFV:SFV_COVARIANCE],
+        table[:, SFV_COVARIANCE:MEAN_COEFFICIENT].reshape(-1, 2, 2), table[:, LINE:LINE_COVARIANCE],
+        table[:, LINE_COVARIANCE:SFV].reshape(-1, 2, 2),
+        table[:, MEAN_COEFFICIENT], table[:, COEFFICIENT_VARIANCE],
         bank.existence * mirror_chances(bank, work.once(mirror_odds, bank)) * wall_chances(bank),
-        table[:, 14:],
+        table[:, STRETCH:],
         bank.owner.copy(),
     )  # fmt: skip
     number, quantity = number[:several].copy(), quantity[:several].copy()
-    amplitude = quantity[:, 3]
+    amplitude = quantity[:, BY_COEFFICIENTS]
     if strength is not None:
-        rays = Rays(path[:several], quantity[:, 4].copy(), np.ones(several), (count, places))
-        amplitude = strength(rays, quantity[:, 0] - belief.late(number[:, 0]))
+        rays = Rays(path[:several], quantity[:, EXISTS].copy(), np.ones(several), (count, places))
+        amplitude = strength(rays, quantity[:, DISTANCE] - belief.late(number[:, FROM_ANCHOR]))
     return surfaces, PathEstimate(
-        number[:, 0], number[:, 1:], quantity[:, 0], quantity[:, 1], quantity[:, 2], amplitude,
-        quantity[:, 4], quantity[:, 5:].reshape(-1, 4, 2),
+        number[:, FROM_ANCHOR], number[:, OVER_LAST:], quantity[:, DISTANCE], quantity[:, AOD],
+        quantity[:, AOA], amplitude, quantity[:, EXISTS], quantity[:, CORNERS:].reshape(-1, 4, 2),
     )  # fmt: skip
 
 

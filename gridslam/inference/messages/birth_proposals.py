@@ -19,6 +19,15 @@ from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives.blocks import Anchors, BirthRows, Sketch
+from gridslam.kernels.primitives.tables import (
+    BORN_ANCHOR,
+    BORN_FIRST,
+    BORN_LAST,
+    BORN_OF,
+    LINE_ANGLE,
+    LINE_OFFSET,
+    OVER_CLUTTER,
+)
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import RadioModel
 
@@ -127,7 +136,8 @@ def propose_births(
     if not found:
         return Births.none(), ratios
     rows, values = born[1 : 1 + found].copy(), proposal[:found].copy()  # the next call reuses the buffers
-    return Births(rows[:, 0], rows[:, 1:3], values[:, :2], values[:, 2], rows[:, 3]), ratios
+    hit, line = rows[:, BORN_LAST : BORN_FIRST + 1], values[:, LINE_ANGLE : LINE_OFFSET + 1]
+    return Births(rows[:, BORN_OF], hit, line, values[:, OVER_CLUTTER], rows[:, BORN_ANCHOR]), ratios
 
 
 def _weigh_by_visibility(

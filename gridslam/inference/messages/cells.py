@@ -30,7 +30,7 @@ from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import ALREADY_LISTED
 from gridslam.kernels.primitives import blocks
 from gridslam.kernels.primitives.blocks import Casting, Cells, Links, Listed
-from gridslam.kernels.primitives.tables import PREDICTED
+from gridslam.kernels.primitives.tables import MEAN_VALIDITY, PREDICTED, SHARE_POSSIBLE
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
 
@@ -83,7 +83,8 @@ def cast_paths(
     _cast(query.attempts(), state.require_grid(), cast, state.surfaces.reflection, work)
     paths = query.paths(work)
     seen = cast.seen[: len(paths)]
-    return paths, Visibility(seen[:, 0], seen[:, 1], work.first_rows(cast.products, len(paths)))
+    products = work.first_rows(cast.products, len(paths))
+    return paths, Visibility(seen[:, MEAN_VALIDITY], seen[:, SHARE_POSSIBLE], products)
 
 
 @timed("cells")

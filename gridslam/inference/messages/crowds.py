@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood_ratios import Pairs
 from gridslam.inference.scans.anchor_measurements import AnchorScan
-from gridslam.kernels.primitives.tables import LABEL
+from gridslam.kernels.primitives.tables import DENSITY, LABEL, SCAN_ROW, VARIANCE
 from gridslam.world.geometry import wrap
 
 NEAR_M, NEAR_RAD = 1.0, 0.3
@@ -89,7 +89,7 @@ def crowded_as_one(pairs: Pairs, scan: AnchorScan, near: NDArray[np.bool_] | Non
     near = neighbours(scan.table) if near is None else near
     if not near.any():
         return pairs
-    count, index = near.sum(1), pairs.index[: len(pairs), 1]
+    count, index = near.sum(1), pairs.index[: len(pairs), SCAN_ROW]
     rows = np.flatnonzero(count[index])
     scatter = np.zeros((len(near), 3))
     for m in np.flatnonzero(count):
@@ -97,5 +97,6 @@ def crowded_as_one(pairs: Pairs, scan: AnchorScan, near: NDArray[np.bool_] | Non
         gap[:, 1:] = wrap(gap[:, 1:])
         scatter[m] = gap.var(0)
     pair, chosen = pairs.pair.copy(), index[rows]
-    pair[rows, 3:6] = (pair[rows, 3:6] + scatter[chosen]) * count[chosen, None]
+    variance = slice(VARIANCE, DENSITY)
+    pair[rows, variance] = (pair[rows, variance] + scatter[chosen]) * count[chosen, None]
     return replace(pairs, pair=pair)

@@ -128,7 +128,7 @@ class LikelihoodRatios:
         """The same with a further factor (L, M) of the likelihoods."""
         pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()
         row, m = self.pairs.index[: len(self.pairs)].T
-        pair[: len(self.pairs), 6] *= factor[row, m]
+        pair[: len(self.pairs), tables.DENSITY] *= factor[row, m]
         message[tables.RATIO] *= factor
         message[tables.BETA] *= factor
         beta = message[tables.BETA]
@@ -139,7 +139,7 @@ class LikelihoodRatios:
     def against(self, clutter: float) -> LikelihoodRatios:
         """The same against a clutter level `clutter` times as high."""
         pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()
-        pair[: len(self.pairs), 6] /= clutter
+        pair[: len(self.pairs), tables.DENSITY] /= clutter
         message[tables.RATIO] /= clutter
         message[tables.BETA] /= clutter
         measured[tables.EXPLAINED] /= clutter

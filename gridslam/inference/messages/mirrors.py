@@ -21,11 +21,8 @@ from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import UNMEASURED
+from gridslam.kernels.primitives.tables import AOA, AOD, COVARIANCE, PATH_ROW, VARIANCE
 
-AOD, AOA = 1, 2
-"""Columns of what is measured: distance, AoD, AoA."""
-VARIANCE = 3, 7, 11
-"""Columns of `Prediction.whole` with their variances as predicted."""
 DEPARTED, ARRIVED, COSTS, TURNED = slice(0, 2), slice(2, 4), slice(4, 6), slice(6, 8)
 WEIGHTS, MISSES = slice(0, 4, 2), slice(1, 4, 2)
 """Columns of `SurfaceBank.angles`; of departures and arrivals, those of weights, and of what they missed."""
@@ -53,7 +50,7 @@ def weigh_angles(state: State, paths: PredictedPaths, ratios: LikelihoodRatios, 
         Which of them did.
     """
     pair, sure = ratios.pairs.pair, exchange.likely_pairs(ratios)
-    return weigh_heard_angles(state, paths, ratios.pairs.index[sure, 0], pair[sure])
+    return weigh_heard_angles(state, paths, ratios.pairs.index[sure, PATH_ROW], pair[sure])
 
 
 def weigh_heard_angles(state: State, paths: PredictedPaths, rows: NDArray[np.intp], heard: Array) -> State:
@@ -79,8 +76,8 @@ def weigh_heard_angles(state: State, paths: PredictedPaths, rows: NDArray[np.int
             continue
         sums = angles[last, anchor].tolist()
         for kind, to in ((AOD, DEPARTED), (AOA, ARRIVED)):
-            if found[3 + kind] < UNMEASURED:
-                std = math.sqrt(predicted[VARIANCE[kind]] + found[3 + kind])
+            if found[VARIANCE + kind] < UNMEASURED:
+                std = math.sqrt(predicted[COVARIANCE + 4 * kind] + found[VARIANCE + kind])
                 angle = math.remainder(found[kind] - predicted[kind], math.tau)
                 missed = limited(angle / std)
                 _add(sums, to, std**-2, missed / std)

@@ -21,7 +21,7 @@ from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels import STATE_GIVEN
 from gridslam.kernels.primitives import blocks
 from gridslam.kernels.primitives.blocks import ROOTED, Draft, Links, Listed, Query
-from gridslam.kernels.primitives.tables import LENGTH, PREDICTED, UNCLEAR
+from gridslam.kernels.primitives.tables import COVARIANCE, LENGTH, PREDICTED, UNCLEAR
 from gridslam.world.filter_model import FilterModel
 
 ListArguments = tuple[Query, blocks.Belief, Array, Links, Draft, Listed]
@@ -46,12 +46,12 @@ class Prediction:
     @property
     def value(self) -> Array:
         """Distance with clocks (m), AoD and AoA relative to anchor and heading (rad), (L, 3)."""
-        return self.whole[:, :3]
+        return self.whole[:, :COVARIANCE]
 
     @property
     def spread(self) -> Array:
         """Covariance from the belief alone, (L, 3, 3)."""
-        return self.whole[:, 3:LENGTH].reshape(-1, 3, 3)
+        return self.whole[:, COVARIANCE:LENGTH].reshape(-1, 3, 3)
 
     @property
     def length(self) -> Array:

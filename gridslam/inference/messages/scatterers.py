@@ -23,6 +23,7 @@ from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import DECIDED
+from gridslam.kernels.primitives.tables import DENSITY, DISTANCE, PATH_ROW, VARIANCE
 from gridslam.world.filter_model import FilterModel
 
 ODDS = 10
@@ -54,9 +55,9 @@ def weigh_forms(
     if state.monitor.astray or not len(bank) or model.places[:, 3].any():
         return state
     pair, sure = ratios.pairs.pair, exchange.likely_pairs(ratios)
-    bounces, surface, _, anchor = paths.rays.table[ratios.pairs.index[sure, 0]].T
+    bounces, surface, _, anchor = paths.rays.table[ratios.pairs.index[sure, PATH_ROW]].T
     open_ = (bounces == 1) & undecided(bank)[surface]
-    heard = on_time(pair[sure[open_], :6], state.belief, anchor[open_])
+    heard = on_time(pair[sure[open_], :DENSITY], state.belief, anchor[open_])
     return weigh_heard(state, surface[open_], anchor[open_], heard, model)
 
 
@@ -65,8 +66,8 @@ def on_time(heard: Array, belief: Belief, anchor: NDArray[np.intp]) -> Array:
     if not belief.clocks:
         return heard
     clock, after = belief.layout.anchor_clocks.start + anchor, heard.copy()
-    after[:, 0] -= belief.mean[clock]
-    after[:, 3] += belief.covariance[clock, clock]
+    after[:, DISTANCE] -= belief.mean[clock]
+    after[:, VARIANCE + DISTANCE] += belief.covariance[clock, clock]
     return after
 
 

@@ -10,6 +10,7 @@ from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.state.rays import Rays
+from gridslam.kernels.primitives.tables import MEAN_CORNERS, MEAN_VALIDITY, RAY_POSSIBLE, SHARE_POSSIBLE
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Polylines:
     @property
     def validity(self) -> Array:
         """V of every path, [Li2026grid], eq. (14): mean over the states at which it is possible, (L,)."""
-        return self.seen[: self.count, 0]
+        return self.seen[: self.count, MEAN_VALIDITY]
 
 
 def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
@@ -49,5 +50,6 @@ def draw_paths(rays: Rays, cloud: Cloud, anchors: Array) -> Polylines:
     if count:
         polylines(state, rays.table, anchors, drawn)
         own = drawn.reshape(count, -1, 13)
-        seen[:, 1], seen[:, 2:] = own[..., 12].mean(1), own[..., 2:6].mean(1)
+        seen[:, SHARE_POSSIBLE] = own[..., RAY_POSSIBLE].mean(1)
+        seen[:, MEAN_CORNERS:] = own[..., 2:6].mean(1)
     return Polylines(count, drawn, seen)

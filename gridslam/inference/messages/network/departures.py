@@ -18,6 +18,7 @@ from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.kernels import UNMEASURED
+from gridslam.kernels.primitives.tables import AOD, DENSITY, PATH_ROW, VARIANCE
 from gridslam.world.filter_model import FilterModel
 
 PROVEN = 10
@@ -40,11 +41,11 @@ def without_doubtful_departures(
     if not (state.belief.clocks and model.max_bounces > 1 and len(state.surfaces)):
         return ratios
     doubtful = np.append(unproven(state.surfaces), False)[rays.last] & (rays.bounces == 1)
-    rows = np.flatnonzero(doubtful[ratios.pairs.index[: len(ratios.pairs), 0]])
+    rows = np.flatnonzero(doubtful[ratios.pairs.index[: len(ratios.pairs), PATH_ROW]])
     if not len(rows):
         return ratios
     pair = ratios.pairs.pair.copy()
-    pair[rows, 4] = UNMEASURED
+    pair[rows, VARIANCE + AOD] = UNMEASURED
     return replace(ratios, pairs=replace(ratios.pairs, pair=pair))
 
 
@@ -65,10 +66,10 @@ def without_open_clocks(
     if not network.clocks.framed:
         return ratios
     rows = np.flatnonzero(
-        network.clocks.open_to(agent)[rays.anchor][ratios.pairs.index[: len(ratios.pairs), 0]]
+        network.clocks.open_to(agent)[rays.anchor][ratios.pairs.index[: len(ratios.pairs), PATH_ROW]]
     )
     if not len(rows):
         return ratios
     pair = ratios.pairs.pair.copy()
-    pair[rows, 3:6] = UNMEASURED
+    pair[rows, VARIANCE:DENSITY] = UNMEASURED
     return replace(ratios, pairs=replace(ratios.pairs, pair=pair))

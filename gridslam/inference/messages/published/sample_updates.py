@@ -24,6 +24,7 @@ from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.kernels.primitives import tables
+from gridslam.kernels.primitives.tables import DENSITY, SCAN_ROW, VARIANCE
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import course, slant, wrap
 
@@ -137,11 +138,12 @@ def _densities(
     pairs = ratios.pairs
     for n in range(int(pairs.start[row]), int(pairs.start[row + 1])):
         pair = pairs.pair[n]
-        off = pair[:3] - seen
+        variance = pair[VARIANCE:DENSITY]
+        off = pair[:VARIANCE] - seen
         off[:, 1:] = wrap(off[:, 1:])
-        scale = np.sqrt((2 * np.pi) ** 3 * pair[3:6].prod())
-        own = np.exp(-0.5 * (off**2 / pair[3:6]).sum(-1)) * pair[6] / scale
-        density += nu[row, pairs.index[n, 1]] * own
+        scale = np.sqrt((2 * np.pi) ** 3 * variance.prod())
+        own = np.exp(-0.5 * (off**2 / variance).sum(-1)) * pair[DENSITY] / scale
+        density += nu[row, pairs.index[n, SCAN_ROW]] * own
     return path.valid, density
 
 
