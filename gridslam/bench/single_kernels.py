@@ -11,7 +11,7 @@ import numpy as np
 from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
 from gridslam.inference.beliefs.layout import AGENT
-from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, Snapshot, clues_of
+from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, PoseLikelihood, clues_of
 from gridslam.inference.messages.samples.state_mode import paths_at
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.leftovers import REFLECTIONS, LineEvidence
@@ -43,14 +43,18 @@ def pose_speed(poses: int, seconds: float, scene: str = "alcove") -> KernelSpeed
     world, draw = Scene.load(scene), np.random.default_rng(1)
     model = world.filter_model()
     scans = split_by_anchor(next(iter(simulate(world, world.agents[0].name, seed=1))), model)
-    snapshot = Snapshot.of(scans, [model.radio] * len(scans), model)
+    likelihood = PoseLikelihood.of(scans, [model.radio] * len(scans), model)
     low, high = zip(model.grid.x_m, model.grid.y_m, (-np.pi, np.pi), strict=True)
     asked = draw.uniform(low, high, (poses, 3))
-    few, step, clues = asked[:: min(TWIN_SHARE, poses)], snapshot.terms[0].table.step, clues_of(snapshot, 1.0)
+    few, step, clues = (
+        asked[:: min(TWIN_SHARE, poses)],
+        likelihood.terms[0].table.step,
+        clues_of(likelihood, 1.0),
+    )
     return race(
         "score_poses", scene, "pose", poses, seconds, poses / len(few),
-        lambda: snapshot.score(asked, 1.0),
-        lambda: snapshot.score(asked[:1], 1.0),
+        lambda: likelihood.score(asked, 1.0),
+        lambda: likelihood.score(asked[:1], 1.0),
         lambda: score_poses(IN_SIGHT, NEAREST_M, step, few, clues),
     )  # fmt: skip
 

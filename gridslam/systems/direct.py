@@ -32,7 +32,7 @@ from gridslam.inference.management.samples.second_look import advance as advance
 from gridslam.inference.messages.samples.early_paths import watch_arrivals
 from gridslam.inference.messages.samples.image_births import (
     FIRST_STEPS,
-    Found,
+    FoundDistances,
     birth_rate,
     find_births,
 )
@@ -84,13 +84,13 @@ class DirectInfo:
     ----------
     paths : sequence of AnchorPaths
         Of every anchor that was heard: its paths as predicted.
-    found : sequence of Found
+    found : sequence of FoundDistances
         Of the same: joint mode, new paths, and C^-1.
     health : Health
     """
 
     paths: Sequence[AnchorPaths]
-    found: Sequence[Found]
+    found: Sequence[FoundDistances]
     health: Health
 
 
@@ -108,7 +108,7 @@ def step(
 ) -> tuple[DirectState, DirectInfo]:
     """One step, as the list of its messages ([LiangDirect], section III; docs/model.md, section 12)."""
     band = band_of(model.waveform)
-    all_paths, all_found = list[AnchorPaths](), list[Found]()
+    all_paths, all_found = list[AnchorPaths](), list[FoundDistances]()
     rate = birth_rate(state.step, model.max_bounces)  # (M81)
     state = predict_state(state, scan.time_s, len(scan), model)  # (M16)
     for anchor in np.flatnonzero(scan.heard).tolist():

@@ -18,7 +18,7 @@ from gridslam.inference.messages.features.following import (
     follow_jointly,
     predict_agent,
     remember,
-    take_snapshot,
+    step_samples,
 )
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.lessons import SETTLED, HybridWork, apply_lesson, begin_lesson
@@ -67,18 +67,18 @@ def step(
 ) -> tuple[HybridState, HybridInfo]:
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
     work.begin()
-    snapshot = take_snapshot(scan, model)
+    received = step_samples(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23); (M133)
     if state.step < SETTLED:
         # eqs. (24)-(32); (M134) to (M136), and (M452), which tells a line of sight from other paths
-        state, moments = follow_by_particles(state, snapshot, model, bounded=True, work=work)
+        state, moments = follow_by_particles(state, received, model, bounded=True, work=work)
     else:
-        state, moments = follow_jointly(state, snapshot, model, work=work)  # (M126) to (M131), (M526)
-    state = remember(state, snapshot, moments)
-    state = count_step(state, snapshot, moments, work.front, model)  # (M451)
+        state, moments = follow_jointly(state, received, model, work=work)  # (M126) to (M131), (M526)
+    state = remember(state, received, moments)
+    state = count_step(state, received, moments, work.front, model)  # (M451)
     state, learned = apply_lesson(state, model, work=work)  # eq. (43); (M132), (M137)
     state = begin_lesson(state, model, work=work)
-    return state, conclude(state, moments, learned, snapshot.heading_rad, work.times(), model)
+    return state, conclude(state, moments, learned, received.heading_rad, work.times(), model)
 
 
 def step_by_sight(
@@ -86,11 +86,11 @@ def step_by_sight(
 ) -> tuple[HybridState, HybridInfo]:
     """The same without any features: what the line of sight alone gives."""
     work.begin()
-    snapshot = take_snapshot(scan, model)
+    received = step_samples(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23); (M133)
-    state, moments = follow_by_particles(state, snapshot, model, work=work)  # eqs. (24)-(32); (M134)-(M136)
-    state = count_step(state, snapshot, moments, work.front, model)  # (M451)
-    return state, conclude(state, moments, Learned(), snapshot.heading_rad, work.times(), model)
+    state, moments = follow_by_particles(state, received, model, work=work)  # eqs. (24)-(32); (M134)-(M136)
+    state = count_step(state, received, moments, work.front, model)  # (M451)
+    return state, conclude(state, moments, Learned(), received.heading_rad, work.times(), model)
 
 
 class HybridSlam(HybridFilter):

@@ -8,7 +8,7 @@ import pytest
 import gridslam as gs
 from gridslam import runtime
 from gridslam.inference.management.poses.pose_fix import Sources
-from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, Snapshot, clues_of
+from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, PoseLikelihood, clues_of
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.reference.pose_score import score_poses
 from gridslam.world.geometry import mirror
@@ -26,7 +26,7 @@ def known_by(place, draw, count):
     return Sources(image, line, draw.uniform(0.2, 1.0, count), draw.uniform(0.2, 0.95, count))
 
 
-def snapshot_by(scene, seed, height=0.0, missing=0.0, known=0):
+def likelihood_by(scene, seed, height=0.0, missing=0.0, known=0):
     draw, model = np.random.default_rng(seed), scene.filter_model("agent1")
     scan = list(gs.simulate(scene, "agent1", seed=seed))[seed % 4]
     for name in ("distance_m", "aod_rad", "aoa_rad", "amplitude"):
@@ -36,7 +36,7 @@ def snapshot_by(scene, seed, height=0.0, missing=0.0, known=0):
     scans = [replace(own, height=height * draw.normal()) for own in split_by_anchor(scan, model)]
     radios = [replace(model.radio, amplitude_at_1m=model.radio.amplitude_at_1m * g) for g in (0.9, 1.1)]
     over = [known_by(own.position, draw, known) for own in scans] if known else None
-    return Snapshot.of(scans, radios, model, over)
+    return PoseLikelihood.of(scans, radios, model, over)
 
 
 def poses_by(scene, seed):
@@ -56,20 +56,20 @@ def poses_by(scene, seed):
 def test_scores_are_those_of_the_plain_counterpart(scene, widen, odd):
     runtime.start()
     for seed in range(3):
-        snapshot, poses = snapshot_by(scene, seed, **odd), poses_by(scene, seed)
-        step = snapshot.terms[0].table.step
-        expected = score_poses(IN_SIGHT, NEAREST_M, step, poses, clues_of(snapshot, widen))
-        found = snapshot.score(poses, widen)
+        likelihood, poses = likelihood_by(scene, seed, **odd), poses_by(scene, seed)
+        step = likelihood.terms[0].table.step
+        expected = score_poses(IN_SIGHT, NEAREST_M, step, poses, clues_of(likelihood, widen))
+        found = likelihood.score(poses, widen)
         # literals of a kernel are single: angles that turn once around are 2e-7 rad off
         np.testing.assert_allclose(found, expected, rtol=1e-6, atol=2e-4)
         assert np.ptp(expected) > 10
 
 
 def test_many_sure_measurements_overflow_nothing_and_no_poses_have_no_scores(scene):
-    snapshot, track = snapshot_by(scene, 1), scene.track("agent1")
+    likelihood, track = likelihood_by(scene, 1), scene.track("agent1")
     pose = np.array([[*track.position_m[1], track.heading_rad[1]]])
-    each = np.array([own.score(pose, 1.0)[0] for own in snapshot.terms])
-    many = Snapshot(snapshot.terms * 40)
+    each = np.array([own.score(pose, 1.0)[0] for own in likelihood.terms])
+    many = PoseLikelihood(likelihood.terms * 40)
     assert many.score(pose)[0] == pytest.approx(40 * each.sum(), rel=1e-9)
-    assert snapshot.score(pose[:0]).shape == (0,)
-    assert Snapshot(()).score(pose).tolist() == [0.0]
+    assert likelihood.score(pose[:0]).shape == (0,)
+    assert PoseLikelihood(()).score(pose).tolist() == [0.0]

@@ -22,7 +22,7 @@ from gridslam.inference.management.mixture import poses, together
 from gridslam.inference.management.poses.one_mirror import added_by_mirror, shown_by_mirror
 from gridslam.inference.management.poses.pose_fix import Sources, known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, freed, leap
-from gridslam.inference.management.poses.pose_score import Snapshot
+from gridslam.inference.management.poses.pose_score import PoseLikelihood
 from gridslam.inference.management.poses.pose_search import (
     POSES_BY_MAP,
     Modes,
@@ -58,12 +58,12 @@ PURPOSE, PURPOSE_OF_LEAD = 4, 5
 """Names of the streams of random numbers."""
 
 
-def snapshot_of(
+def pose_likelihood(
     scans: Sequence[AnchorScan], state: State, model: FilterModel, known: Sequence[Sources] | None = None
-) -> Snapshot:
+) -> PoseLikelihood:
     """A scan to score poses by, with the radio as the state has learned it, and a map where it is given."""
     radios = [state.calibration.tuned(model.radio, scan.anchor) for scan in scans]
-    return Snapshot.of(scans, radios, model, known)
+    return PoseLikelihood.of(scans, radios, model, known)
 
 
 class Comparison(NamedTuple):
@@ -84,14 +84,14 @@ class Comparison(NamedTuple):
     mirrored: float = 0.0
 
 
-def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator) -> Comparison:
+def compare_poses(likelihood: PoseLikelihood, believed: Array, draw: np.random.Generator) -> Comparison:
     """What one scan alone says of the believed pose (3,), and of others: lines of sight are tried."""
-    facing = None if snapshot.tells_heading else float(believed[2])
-    asked = (line_of_sight_poses(terms, draw, COPIES, 24, facing) for terms in snapshot.terms)
+    facing = None if likelihood.tells_heading else float(believed[2])
+    asked = (line_of_sight_poses(terms, draw, COPIES, 24, facing) for terms in likelihood.terms)
     poses = np.concatenate([believed[None], *asked])
-    log = snapshot.score(poses, 2.0)
+    log = likelihood.score(poses, 2.0)
     top = poses[int(log.argmax())]
-    refined_poses, scores = refined(snapshot, np.array([believed, top]), draw)
+    refined_poses, scores = refined(likelihood, np.array([believed, top]), draw)
     here, there = scores.tolist()
     best = max(here, there)
     x, y, turn = top - believed
@@ -99,20 +99,20 @@ def best_snapshot(snapshot: Snapshot, believed: Array, draw: np.random.Generator
     if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD:
         return Comparison(best, best)
     other = refined_poses[1]
-    each = np.array([terms.score(other[None], 1.0)[0] for terms in snapshot.terms])
-    anchors = np.array([terms.position for terms in snapshot.terms])
-    shown = shown_by_mirror(anchors, believed, other, arrives=snapshot.tells_heading)
+    each = np.array([terms.score(other[None], 1.0)[0] for terms in likelihood.terms])
+    anchors = np.array([terms.position for terms in likelihood.terms])
+    shown = shown_by_mirror(anchors, believed, other, arrives=likelihood.tells_heading)
     return Comparison(best, here, added_by_mirror(each, shown))
 
 
-def refined(snapshot: Snapshot, pose: Array, draw: np.random.Generator) -> tuple[Array, Array]:
+def refined(likelihood: PoseLikelihood, pose: Array, draw: np.random.Generator) -> tuple[Array, Array]:
     """About the best poses near each of some (K, 3), and their scores (K,)."""
     count, std = len(pose), np.array([0.08, 0.08, 0.04])
     drawn, scores = draw.standard_normal((count, ROUNDS, DRAWN, 3)), list[Array]()
     for k in range(ROUNDS):
         tried = pose[:, None] + std * drawn[:, k]
         tried[:, 0] = pose
-        score = snapshot.score(tried.reshape(-1, 3)).reshape(count, DRAWN)
+        score = likelihood.score(tried.reshape(-1, 3)).reshape(count, DRAWN)
         pose, std = tried[np.arange(count), score.argmax(1)], 0.4 * std
         scores.append(score.max(1))
     return pose, np.max(scores, 0)
@@ -148,7 +148,7 @@ def _compared(
     if not (compares or watch.unproven):
         return watch
     draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
-    found = best_snapshot(snapshot_of(scans, state, model), state.belief.mean[POSE], draw)
+    found = compare_poses(pose_likelihood(scans, state, model), state.belief.mean[POSE], draw)
     if not scans.arrives and state.step <= FIRST_STEPS:  # a mirror may show all, and no wrong start be found
         found = found._replace(mirrored=0.0)
     if watch.unproven:
@@ -194,7 +194,7 @@ def challenged(
     scans, stream = work.once(split_by_anchor, scan, model), [work.seed, state.step, PURPOSE]
     if crowd(scans) > SWAMPED:
         return population
-    alone = snapshot_of(scans, state, model)
+    alone = pose_likelihood(scans, state, model)
     modes = find_modes(alone, anywhere(state, model), model.grid, LISTED, stream, POSES)
     if population.watch.unproven and modes.complete and near(modes.pose, state.belief.mean[POSE]).all():
         population = replace(population, watch=population.watch.proven())  # nothing fits elsewhere
@@ -206,7 +206,7 @@ def challenged(
     )  # fmt: skip
     rivals = branches_of(blank, leading(modes, alone, population), velocity)
     if len(state.surfaces):
-        mapped = snapshot_of(scans, state, model, known_sources(state, model, work=work))
+        mapped = pose_likelihood(scans, state, model, known_sources(state, model, work=work))
         modes = find_modes(mapped, anywhere(state, model), model.grid, LISTED, stream, POSES_BY_MAP)
         rivals += branches_of(state, leading(modes, mapped, population), velocity)
     states = [*population.states, *rivals]
@@ -248,12 +248,12 @@ def anywhere(state: State, model: FilterModel) -> Belief:
     return replace(state.belief, mean=mean, covariance=spread)
 
 
-def leading(modes: Modes, snapshot: Snapshot, population: Population[State]) -> Modes:
+def leading(modes: Modes, likelihood: PoseLikelihood, population: Population[State]) -> Modes:
     """The few modes of a complete list that explain the scan better than all present hypotheses do.
 
     Once these are called wrong, all modes of an incomplete list that do so beyond what one measurement says.
     """
-    gain = modes.score - float(snapshot.score(poses(population)).max())
+    gain = modes.score - float(likelihood.score(poses(population)).max())
     if modes.complete:
         return modes.take(np.flatnonzero(gain > 0)[:CHALLENGERS])
     return modes.take(np.flatnonzero((gain > ONE_ALONE) & bool(population.watch.against())))

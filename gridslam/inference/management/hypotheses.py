@@ -21,7 +21,7 @@ from gridslam.inference.management.challenge import (
     HANDICAP,
     challenged,
     on_trial,
-    snapshot_of,
+    pose_likelihood,
     watched,
 )
 from gridslam.inference.management.free_turn import off_ring
@@ -142,7 +142,7 @@ def _search(
         return None, prior
     scans = work.once(split_by_anchor, scan, model)
     stream = [work.seed, prior.step, PURPOSE]
-    return find_modes(snapshot_of(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
+    return find_modes(pose_likelihood(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
 
 
 def _started(state: State, modes: Modes, model: FilterModel) -> Population[State]:
@@ -175,8 +175,8 @@ def _listed(
     prior = predict(state, scan.time_s, len(scan), model)
     known = known_sources(prior, model, work=work)
     stream = [work.seed, state.step, PURPOSE]
-    snapshot = snapshot_of(scans, prior, model, known)
-    modes = find_modes(snapshot, prior.belief, model.grid, CAP - 1, stream, POSES_BY_MAP)
+    likelihood = pose_likelihood(scans, prior, model, known)
+    modes = find_modes(likelihood, prior.belief, model.grid, CAP - 1, stream, POSES_BY_MAP)
     if not modes.complete:
         return population
     states = [

@@ -22,7 +22,7 @@ from gridslam.inference.messages.features.following import (
     follow_jointly,
     predict_agent,
     remember,
-    take_snapshot,
+    step_samples,
 )
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.lessons import SETTLED, HybridWork, apply_lesson, begin_lesson
@@ -45,18 +45,18 @@ def step(
 ) -> tuple[HybridState, HybridInfo]:
     """Hybrid SLAM's step without any learning once particles have settled."""
     work.begin()
-    snapshot = take_snapshot(scan, model)
+    received = step_samples(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)
     if state.step < SETTLED:
-        state, moments = follow_by_particles(state, snapshot, model, work=work)
-        state = remember(state, snapshot, moments)
-        state = count_step(state, snapshot, moments, work.front, model)
+        state, moments = follow_by_particles(state, received, model, work=work)
+        state = remember(state, received, moments)
+        state = count_step(state, received, moments, work.front, model)
         state, _ = apply_lesson(state, model, work=work)
         state = begin_lesson(state, model, work=work)
     else:
-        state, moments = follow_jointly(state, snapshot, model, work=work)
-        state = count_step(state, snapshot, moments, work.front, model)
-    return state, conclude(state, moments, Learned(), snapshot.heading_rad, work.times(), model)
+        state, moments = follow_jointly(state, received, model, work=work)
+        state = count_step(state, received, moments, work.front, model)
+    return state, conclude(state, moments, Learned(), received.heading_rad, work.times(), model)
 
 
 def true_features(scene: Scene, model: SignalModel) -> tuple[FeatureEstimate, Array]:

@@ -12,7 +12,7 @@ from gridslam.inference.messages.features.following import (
     follow_by_particles,
     predict_agent,
     remember,
-    take_snapshot,
+    step_samples,
 )
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.network_learning import learn_by_networks
@@ -34,13 +34,13 @@ def step(
 ) -> tuple[HybridState, HybridInfo]:
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
     work.begin()
-    snapshot = take_snapshot(scan, model)
+    received = step_samples(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23)
-    state, moments = follow_by_particles(state, snapshot, model, work=work)  # eqs. (24)-(32)
-    state = remember(state, snapshot, moments)
-    state = count_step(state, snapshot, moments, work.front, model)  # (M451)
+    state, moments = follow_by_particles(state, received, model, work=work)  # eqs. (24)-(32)
+    state = remember(state, received, moments)
+    state = count_step(state, received, moments, work.front, model)  # (M451)
     state = learn_by_networks(state, model, work=work)  # eqs. (42), (43)
-    return state, conclude(state, moments, Learned(), snapshot.heading_rad, work.times(), model)
+    return state, conclude(state, moments, Learned(), received.heading_rad, work.times(), model)
 
 
 class PublishedHybridSlam(HybridFilter):

@@ -8,9 +8,9 @@ import pytest
 
 import gridslam as gs
 from gridslam.inference.health.doubt import Doubt
-from gridslam.inference.management.poses.pose_score import Snapshot
+from gridslam.inference.management.poses.pose_score import PoseLikelihood
 from gridslam.inference.management.samples.array_challenge import EVERY, any_loud, challenged, doubted
-from gridslam.inference.management.samples.paths_alone import HeadedSnapshot, alone, headed, mapped
+from gridslam.inference.management.samples.paths_alone import HeadedPoseLikelihood, alone, headed, mapped
 from gridslam.inference.state.state import State
 from gridslam.systems import grid
 
@@ -97,9 +97,9 @@ def test_a_scan_is_loud_and_its_best_pose_is_the_true_one(recording):
 
 def test_a_measured_heading_speaks_against_poses_that_are_turned():
     poses = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0 + 2 * np.pi], [0.0, 0.0, 1.3]])
-    score = HeadedSnapshot((), 1.0, 0.1).score(poses)
+    score = HeadedPoseLikelihood((), 1.0, 0.1).score(poses)
     np.testing.assert_allclose(score, [0.0, 0.0, -4.5], atol=1e-9)
-    assert not Snapshot(()).score(poses).any()
+    assert not PoseLikelihood(()).score(poses).any()
 
 
 def test_what_speaks_against_a_place_is_said(recording):

@@ -25,12 +25,12 @@ from gridslam.inference.management.challenge import (
     TRIAL,
     WITHOUT_AMPLITUDE,
     Comparison,
-    best_snapshot,
     challenged,
+    compare_poses,
     leading,
     loud_of,
     on_trial,
-    snapshot_of,
+    pose_likelihood,
     watched,
 )
 from gridslam.inference.management.mixture import poses
@@ -71,18 +71,18 @@ def moved(state, by, turn=0.0):
     return placed(state, pose, np.diag([1e-4, 1e-4, 1e-4]), 1e-4)
 
 
-def test_the_best_snapshot_is_about_what_the_true_pose_scores(scene, scans):
+def test_the_best_pose_scores_about_what_the_true_pose_scores(scene, scans):
     slam, track = GridSlam(scene, seed=3), scene.track("agent1")
     for step in (0, 7, 19):
-        snapshot = snapshot_of(split_by_anchor(scans[step], slam.model), slam.state, slam.model)
+        likelihood = pose_likelihood(split_by_anchor(scans[step], slam.model), slam.state, slam.model)
         true = np.array([*track.position_m[step], track.heading_rad[step]])
         far = np.array([3.0, 2.5, 2.0])
-        score = snapshot.score(np.stack([true, far]))
-        best, there, _ = best_snapshot(snapshot, far, np.random.default_rng(1))
+        score = likelihood.score(np.stack([true, far]))
+        best, there, _ = compare_poses(likelihood, far, np.random.default_rng(1))
         assert best - there > 30
         assert score[1] < score[0] - 30
         assert score[0] - 4 < best < score[0] + 20
-        best, here, _ = best_snapshot(snapshot, true, np.random.default_rng(1))
+        best, here, _ = compare_poses(likelihood, true, np.random.default_rng(1))
         assert here >= score[0]
         assert best - here < 1
 
@@ -90,8 +90,8 @@ def test_the_best_snapshot_is_about_what_the_true_pose_scores(scene, scans):
 def test_a_right_world_leads_a_fresh_start_and_is_well(mapped, scans):
     slam, leads = mapped
     split, believed = split_by_anchor(scans[19], slam.model), slam.state.belief.mean[POSE]
-    best, here, _ = best_snapshot(
-        snapshot_of(split, slam.state, slam.model), believed, np.random.default_rng(1)
+    best, here, _ = compare_poses(
+        pose_likelihood(split, slam.state, slam.model), believed, np.random.default_rng(1)
     )
     assert slam.info.log_evidence > best + 1.5 * LOW_LEAD * loud_of(split, slam.model)
     assert best == here
@@ -237,13 +237,13 @@ def test_a_list_that_lacks_places_challenges_only_what_is_called_wrong(mapped):
     """And by all places that no single measurement stands for, where a complete one names three."""
     score = np.array([40.0, 39.0, 38.0, 37.0, ONE_ALONE - 1, -5.0])
     modes = Modes(np.zeros((6, 3)), np.tile(np.eye(3), (6, 1, 1)), np.zeros(6), score, complete=False)
-    snapshot = SimpleNamespace(score=lambda poses: np.zeros(len(poses)))
+    likelihood = SimpleNamespace(score=lambda poses: np.zeros(len(poses)))
     calm = Population((mapped[0].state,))
     called = replace(calm, watch=Doubt(elsewhere=ELSEWHERE + 1))
-    assert not len(leading(modes, snapshot, calm))
-    assert leading(modes, snapshot, called).score.tolist() == score[:4].tolist()
+    assert not len(leading(modes, likelihood, calm))
+    assert leading(modes, likelihood, called).score.tolist() == score[:4].tolist()
     whole = replace(modes, complete=True)
-    assert leading(whole, snapshot, calm).score.tolist() == score[:3].tolist()
+    assert leading(whole, likelihood, calm).score.tolist() == score[:3].tolist()
 
 
 def test_an_agent_out_of_sight_is_found_by_the_map_where_a_scan_alone_fits_too_many_places(mapped, scene):
@@ -292,8 +292,8 @@ def test_what_one_mirror_shows_of_two_anchors_is_told_from_lines_of_sight(mapped
     heading = 2 * back[0] + believed[2] - 2 * wall - np.pi + (0.0 if mirrored else 1.5)
     leaving = wrap(back + np.pi - slam.model.places[:2, 2])
     heard = gs.Scan(40, 40.0, np.arange(2), distance, leaving, wrap(back - heading), np.full(2, np.nan))
-    snapshot = snapshot_of(split_by_anchor(heard, slam.model), slam.state, slam.model)
-    best, here, added = best_snapshot(snapshot, believed, np.random.default_rng(1))
+    likelihood = pose_likelihood(split_by_anchor(heard, slam.model), slam.state, slam.model)
+    best, here, added = compare_poses(likelihood, believed, np.random.default_rng(1))
     assert best - here > 18
     assert (added > 8) == mirrored
     assert bool(Doubt().compared(1e3, best, here, added, 2.0).elsewhere) != mirrored
@@ -308,7 +308,7 @@ def test_without_arrivals_no_mirror_excuses_a_start(mapped, scans, monkeypatch, 
     scan = scans[slam.state.step - 1]
     if deaf:
         scan = replace(scan, aoa_rad=np.full(len(scan), np.nan))
-    monkeypatch.setattr(challenge, "best_snapshot", lambda *_: Comparison(90.0, 50.0, 30.0))
+    monkeypatch.setattr(challenge, "compare_poses", lambda *_: Comparison(90.0, 50.0, 30.0))
     population = Population((replace(slam.state, step=step),))
     watch = watched(population, lambda: 1e3, scan, slam.model, slam.work).watch
     assert (watch.elsewhere > ELSEWHERE) is called

@@ -9,7 +9,7 @@ from signal_worlds import signal_model
 from gridslam.inference.health.reasons import TURNABLE
 from gridslam.inference.management.features.hybrid_info import HANDED_ON, LATELY, SIGHTS, conclude
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.following import Snapshot, count_step
+from gridslam.inference.messages.features.following import StepSamples, count_step
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.state.features.features import FeatureBank
@@ -51,7 +51,7 @@ def test_two_anchors_tell_it_no_longer_where_one_of_them_has_been_out_of_sight()
 def test_steps_are_counted_at_which_each_anchor_is_in_sight():
     model = signal_model(**SINGLE)
     joint = JointBelief(np.zeros(4), np.eye(4), FeatureBank.empty(), np.array([0.99]), np.ones(1), np.ones(1))
-    got = Snapshot(np.ones((1, 1, 41), complex), np.array([True]), 0.0)
+    got = StepSamples(np.ones((1, 1, 41), complex), np.array([True]), 0.0)
     state = HybridState(joint, joint, Segment.empty(1, 1, 41))
     for _ in range(2):
         state = count_step(state, got, WHERE, Front(model.waveform), model)

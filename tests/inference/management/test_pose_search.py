@@ -11,7 +11,7 @@ from scipy.stats import norm
 import gridslam as gs
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.poses.pose_fix import Sources
-from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, TWICE, Snapshot
+from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, TWICE, PoseLikelihood
 from gridslam.inference.management.poses.pose_search import (
     APART_M,
     APART_RAD,
@@ -36,9 +36,9 @@ def first_scans(scene):
     return list(gs.simulate(scene, "agent1", seed=4))[:4]
 
 
-def snapshot_of(scan, model):
+def pose_likelihood(scan, model):
     scans = split_by_anchor(scan, model)
-    return Snapshot.of(scans, [model.radio] * len(scans), model), scans
+    return PoseLikelihood.of(scans, [model.radio] * len(scans), model), scans
 
 
 def slowly(pose, anchor_scan, model):
@@ -87,12 +87,12 @@ def test_scores_equal_those_worked_out_path_by_path(scene, first_scans, seed, ar
     draw, model, scan = np.random.default_rng(seed), scene.filter_model("agent1"), first_scans[seed % 4]
     if not arrives:
         scan = replace(scan, aoa_rad=np.full(len(scan), np.nan))
-    snapshot, scans = snapshot_of(scan, model)
-    assert snapshot.tells_heading is arrives
+    likelihood, scans = pose_likelihood(scan, model)
+    assert likelihood.tells_heading is arrives
     track = scene.track("agent1")
     near = np.array([*track.position_m[0], track.heading_rad[0]]) + draw.normal(0, [0.1, 0.1, 0.05])
     poses = np.stack([near, draw.uniform([-4, -3, -3], [4, 3, 3])])
-    found = snapshot.score(poses)
+    found = likelihood.score(poses)
     for pose, score in zip(poses, found, strict=True):
         # p_d comes from a table there
         assert score == pytest.approx(sum(slowly(pose, own, model) for own in scans), abs=2e-3)
@@ -104,7 +104,7 @@ def test_a_departure_tells_of_a_line_only_where_nothing_arrives(scene, first_sca
     deaf = replace(scan, aoa_rad=np.full(len(scan), np.nan))
     mixed = replace(scan, aoa_rad=np.where(np.arange(len(scan)) == 0, scan.aoa_rad, np.nan))
     born = [
-        sum(int(np.isfinite(terms.log_born).sum()) for terms in snapshot_of(one, model)[0].terms)
+        sum(int(np.isfinite(terms.log_born).sum()) for terms in pose_likelihood(one, model)[0].terms)
         for one in (scan, deaf, mixed)
     ]
     assert born == [len(scan), len(scan), 1]
@@ -114,12 +114,12 @@ def test_places_are_proposed_by_lines_of_sight_and_walls_without_arrivals(scene,
     """Few uniform poses find none: a line of sight, or a known wall, says where the agent is."""
     model, track = scene.filter_model("agent1"), scene.track("agent1")
     deaf = replace(first_scans[0], aoa_rad=np.full(len(first_scans[0]), np.nan))
-    snapshot, scans = snapshot_of(deaf, model)
-    modes = find_modes(snapshot, whole_room(model), model.grid, 60, [1, 2], poses=20)
+    likelihood, scans = pose_likelihood(deaf, model)
+    modes = find_modes(likelihood, whole_room(model), model.grid, 60, [1, 2], poses=20)
     assert np.hypot(*(modes.pose[:, :2] - track.position_m[0]).T).min() < 0.3
     wall = np.array([0.5 * np.pi, 3.0])
     image = mirror(wall, scans[0].position)
-    terms = replace(snapshot.terms[0], known=Sources(image[None], wall[None], np.ones(1), np.ones(1)))
+    terms = replace(likelihood.terms[0], known=Sources(image[None], wall[None], np.ones(1), np.ones(1)))
     none, told = (reflected_poses(terms, np.random.default_rng(1), facing=f) for f in (None, 0.4))
     assert not len(none)
     np.testing.assert_allclose(told[:, 2], 0.4)
@@ -128,8 +128,8 @@ def test_places_are_proposed_by_lines_of_sight_and_walls_without_arrivals(scene,
 
 def test_poses_of_lines_of_sight_hear_what_was_heard(scene, first_scans):
     model = scene.filter_model("agent1")
-    snapshot, scans = snapshot_of(first_scans[0], model)
-    for terms, own in zip(snapshot.terms, scans, strict=True):
+    likelihood, scans = pose_likelihood(first_scans[0], model)
+    for terms, own in zip(likelihood.terms, scans, strict=True):
         poses = line_of_sight_poses(terms, np.random.default_rng(1))
         first = poses[:: len(poses) // len(own)]
         away = first[:, :2] - own.position
@@ -177,8 +177,8 @@ def test_the_true_pose_is_listed_of_a_start_that_is_known_to_nothing(scene, meas
     scene = scene.model_copy(update={"radio": radio})
     model, track = scene.filter_model("agent1"), scene.track("agent1")
     scan = list(gs.simulate(scene, "agent1", seed=4))[2]
-    snapshot, _ = snapshot_of(scan, model)
-    modes = find_modes(snapshot, whole_room(model), model.grid, 60, [1, 2], poses=40_000)
+    likelihood, _ = pose_likelihood(scan, model)
+    modes = find_modes(likelihood, whole_room(model), model.grid, 60, [1, 2], poses=40_000)
     assert modes.complete
     gap = modes.pose - np.array([*track.position_m[2], track.heading_rad[2]])
     gap[:, 2] = wrap(gap[:, 2])
@@ -199,8 +199,8 @@ def test_a_scan_that_tells_nothing_has_no_complete_list(scene, first_scans):
     quiet = np.argsort(scan.amplitude)[:1]
     names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
     faint = replace(scan, **{name: getattr(scan, name)[quiet] for name in names})
-    snapshot, _ = snapshot_of(faint, model)
-    modes = find_modes(snapshot, whole_room(model), model.grid, 10, [1], poses=4000)
+    likelihood, _ = pose_likelihood(faint, model)
+    modes = find_modes(likelihood, whole_room(model), model.grid, 10, [1], poses=4000)
     assert not modes.complete
     assert len(modes) <= 10
 
@@ -228,9 +228,9 @@ class MadeUp:
 def test_a_list_is_complete_once_its_last_candidates_lead_to_no_new_place(scene, last_fits):
     """More candidates than are looked at; the last of them ends where the first did, or at its own place."""
     model, islands = scene.filter_model("agent1"), [((x, -2), 45, 0) for x in range(-3, 3)]
-    snapshot = MadeUp((1, 1), [*islands, ((3, -2), 40, 44)] if last_fits else islands)
+    likelihood = MadeUp((1, 1), [*islands, ((3, -2), 40, 44)] if last_fits else islands)
     belief = replace(whole_room(model), covariance=np.diag([21.0, 21.0, 1e-3, 1e-3, 1e-6]))
-    modes = find_modes(snapshot, belief, model.grid, 4, [1], poses=20_000)
+    modes = find_modes(likelihood, belief, model.grid, 4, [1], poses=20_000)
     assert modes.complete is not last_fits
     np.testing.assert_array_equal(modes.score, [50, 44] if last_fits else [50])
     np.testing.assert_allclose(modes.pose[0, :2], 1, atol=0.1)
@@ -243,10 +243,10 @@ def test_the_order_of_measurements_and_what_is_not_heard_change_no_score(scene, 
     names = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
     mixed = replace(scan, **{name: getattr(scan, name)[order] for name in names})
     poses = draw.uniform([-4, -3, -3], [4, 3, 3], (50, 3))
-    here, there = (snapshot_of(one, model)[0].score(poses) for one in (scan, mixed))
+    here, there = (pose_likelihood(one, model)[0].score(poses) for one in (scan, mixed))
     np.testing.assert_allclose(here, there, atol=1e-9)
     silent = replace(scan, **{name: getattr(scan, name)[:0] for name in names})
-    assert (snapshot_of(silent, model)[0].score(poses) < 0).all(), "lines of sight that nobody heard"
+    assert (pose_likelihood(silent, model)[0].score(poses) < 0).all(), "lines of sight that nobody heard"
 
 
 @pytest.mark.parametrize("name", ["aod_rad", "aoa_rad", "amplitude", "distance_m"])
@@ -254,9 +254,9 @@ def test_what_was_not_measured_scores_finitely(scene, first_scans, name):
     model, scan = scene.filter_model("agent1"), first_scans[0]
     column = getattr(scan, name).copy()
     column[::2] = np.nan
-    snapshot, _ = snapshot_of(replace(scan, **{name: column}), model)
+    likelihood, _ = pose_likelihood(replace(scan, **{name: column}), model)
     poses = np.random.default_rng(5).uniform([-4, -3, -3], [4, 3, 3], (50, 3))
-    assert np.isfinite(snapshot.score(poses)).all()
+    assert np.isfinite(likelihood.score(poses)).all()
 
 
 def of_map(place, chance=0.8):
@@ -270,7 +270,7 @@ def test_scores_with_a_map_add_what_its_surfaces_explain(scene, first_scans):
     model, track = scene.filter_model("agent1"), scene.track("agent1")
     own = split_by_anchor(first_scans[1], model)[0]
     radio, over = model.radio, of_map(own.position)
-    with_map, without = (Snapshot.of([own], [radio], model, known).terms[0] for known in ([over], None))
+    with_map, without = (PoseLikelihood.of([own], [radio], model, known).terms[0] for known in ([over], None))
     poses = np.stack([[*track.position_m[1], track.heading_rad[1]], [1.0, -1.0, 0.5], [3.9, 3.9, 2.0]])
     found, plain = with_map.score(poses, 1.0), without.score(poses, 1.0)
     assert found[0] > plain[0] + 5, "two walls explain their bounces"
@@ -300,10 +300,12 @@ def test_scores_with_a_map_add_what_its_surfaces_explain(scene, first_scans):
                 density = np.prod(norm.pdf(gap, scale=std)) * np.exp(radio.log_rician(amplitude, strength))
                 ratio[m] += chance * density / (radio.false_alarms * np.exp(radio.log_clutter(amplitude)))
         base = np.array([
-            Snapshot.of([replace_rows(own, m)], [radio], model).terms[0].score(pose[None], 1.0)[0]
+            PoseLikelihood.of([replace_rows(own, m)], [radio], model).terms[0].score(pose[None], 1.0)[0]
             for m in range(len(own))
         ])  # fmt: skip
-        sight = Snapshot.of([replace_rows(own, None)], [radio], model).terms[0].score(pose[None], 1.0)[0]
+        sight = (
+            PoseLikelihood.of([replace_rows(own, None)], [radio], model).terms[0].score(pose[None], 1.0)[0]
+        )
         wanted = sight - missed + np.log(np.exp(base - sight) + ratio).sum()
         assert alone == pytest.approx(base.sum() - (len(own) - 1) * sight, abs=1e-6)
         assert score == pytest.approx(wanted, abs=0.01)
@@ -319,7 +321,7 @@ def replace_rows(own, row):
 def test_poses_by_a_map_hear_single_bounces_as_they_were_heard(scene, first_scans):
     model = scene.filter_model("agent1")
     own = split_by_anchor(first_scans[1], model)[0]
-    terms = Snapshot.of([own], [model.radio], model, [of_map(own.position)]).terms[0]
+    terms = PoseLikelihood.of([own], [model.radio], model, [of_map(own.position)]).terms[0]
     poses = reflected_poses(terms, np.random.default_rng(1), copies=1)
     assert len(poses) == 2 * len(own)
     line = of_map(own.position).line[1]

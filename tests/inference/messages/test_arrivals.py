@@ -18,7 +18,7 @@ from gridslam.inference.messages.features.arrivals import (
     contradictions,
 )
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.following import Snapshot, count_step
+from gridslam.inference.messages.features.following import StepSamples, count_step
 from gridslam.inference.messages.features.learning import Learned
 from gridslam.inference.messages.features.lessons import HybridWork
 from gridslam.inference.messages.features.sight import Moments
@@ -160,7 +160,7 @@ def test_a_belief_that_is_contradicted_stays_so_while_no_line_of_sight_is_seen()
     )
     state = HybridState(joint, joint, Segment.empty(1, 4, 41))
     seen, hidden = (
-        Snapshot(received(model, (0, 0), 0.4, points, [3000.0], draw), AUDIBLE, 0.4)
+        StepSamples(received(model, (0, 0), 0.4, points, [3000.0], draw), AUDIBLE, 0.4)
         for points in ([LOS], [BEHIND])
     )
     along, across = np.zeros((2, 4, 4))

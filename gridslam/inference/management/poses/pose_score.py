@@ -39,7 +39,7 @@ MISFIT = 7.5
 
 
 @dataclass(frozen=True, eq=False)
-class SnapshotTerms:
+class AnchorTerms:
     """What of an anchor's measurements doesn't depend on the pose.
 
     Attributes
@@ -123,7 +123,7 @@ class SnapshotTerms:
         widen : float
             By which deviations are multiplied.
         """
-        return Snapshot((self,)).score(poses, widen)
+        return PoseLikelihood((self,)).score(poses, widen)
 
     def over(self) -> Array:
         """What the kernel takes of single bounces over known surfaces, (S, KNOWN)."""
@@ -143,16 +143,16 @@ class SnapshotTerms:
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
+class PoseLikelihood:
     """One scan, of all anchors, to score poses by.
 
     Attributes
     ----------
-    terms : tuple of SnapshotTerms
+    terms : tuple of AnchorTerms
         Of every anchor that listened.
     """
 
-    terms: tuple[SnapshotTerms, ...]
+    terms: tuple[AnchorTerms, ...]
 
     @classmethod
     def of(
@@ -163,7 +163,7 @@ class Snapshot:
         maps: Sequence[Sources | None] = known or [None] * len(scans)
         rows, rate = zip(scans, radios, maps, strict=True), model.birth_rate
         deaf = not any(bool((scan.table[:, 5] >= 0).any()) for scan in scans)
-        return cls(tuple(SnapshotTerms.of(scan, radio, rate, own, deaf) for scan, radio, own in rows))
+        return cls(tuple(AnchorTerms.of(scan, radio, rate, own, deaf) for scan, radio, own in rows))
 
     @property
     def tells_heading(self) -> bool:
@@ -183,7 +183,7 @@ class Snapshot:
         return score
 
 
-def measurement_rows(terms: Sequence[SnapshotTerms], widen: float) -> Array:
+def measurement_rows(terms: Sequence[AnchorTerms], widen: float) -> Array:
     """What the kernel takes of all measurements, (M, HEARD): columns as in `kernels.primitives.clues`."""
     value, variance, amplitude, log_clutter, log_born = (
         np.concatenate([getattr(own, name) for own in terms])
@@ -221,9 +221,9 @@ def measurement_rows(terms: Sequence[SnapshotTerms], widen: float) -> Array:
 
 
 @lru_cache(4)
-def clues_of(snapshot: Snapshot, widen: float) -> Clues:
+def clues_of(likelihood: PoseLikelihood, widen: float) -> Clues:
     """A scan as the kernel takes it, with deviations multiplied."""
-    terms = snapshot.terms
+    terms = likelihood.terms
     over = [own.over() for own in terms]
     ends = [np.cumsum([0, *map(len, parts)]) for parts in (terms, over)]
     whose = np.stack([end for last in ends for end in (last[:-1], last[1:])], 1).astype(np.int32)

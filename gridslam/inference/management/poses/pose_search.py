@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import OF_POSE, POSE
-from gridslam.inference.management.poses.pose_score import Snapshot, SnapshotTerms
+from gridslam.inference.management.poses.pose_score import AnchorTerms, PoseLikelihood
 from gridslam.world.geometry import level_of, unit, wrap
 from gridslam.world.scene_parts import GridSpec
 
@@ -78,7 +78,12 @@ class Modes:
 
 
 def find_modes(
-    snapshot: Snapshot, prior: Belief, region: GridSpec, cap: int, stream: Sequence[int], poses: int = POSES
+    likelihood: PoseLikelihood,
+    prior: Belief,
+    region: GridSpec,
+    cap: int,
+    stream: Sequence[int],
+    poses: int = POSES,
 ) -> Modes:
     """All poses that explain a scan, within a prior and the region.
 
@@ -95,20 +100,20 @@ def find_modes(
     """
     draw = np.random.default_rng(list(stream))
     mean, covariance = prior.mean[POSE], prior.covariance[OF_POSE]
-    headed, near_by = snapshot.tells_heading, covariance.copy()
+    headed, near_by = likelihood.tells_heading, covariance.copy()
     if not headed:
         near_by[2], near_by[:, 2], near_by[2, 2] = 0.0, 0.0, AHEAD**2
     within = Bounds.of(mean, near_by, region)
     anywhere = within.uniform(draw, poses)
     ahead = None if headed else float(mean[2])
-    asked = [line_of_sight_poses(terms, draw, facing=ahead) for terms in snapshot.terms]
+    asked = [line_of_sight_poses(terms, draw, facing=ahead) for terms in likelihood.terms]
     asked += [
-        reflected_poses(terms, draw, facing=ahead) for terms in snapshot.terms if terms.known is not None
+        reflected_poses(terms, draw, facing=ahead) for terms in likelihood.terms if terms.known is not None
     ]
     every = np.concatenate([anywhere, *(part[within.holds(part)] for part in asked)])
-    log = snapshot.score(every, WIDEN)
+    log = likelihood.score(every, WIDEN)
     chosen, more = best_apart(every, log, SHORTLIST, 2 * cap)
-    pose, spread, score = _refined(snapshot, within, every[chosen], draw)
+    pose, spread, score = _refined(likelihood, within, every[chosen], draw)
     if not headed:
         pose[:, 2], spread[:, 2], spread[:, :, 2], spread[:, 2, 2] = mean[2], 0.0, 0.0, covariance[2, 2]
     distinct, _ = best_apart(pose, score, BEHIND, len(score), 0.5)
@@ -162,7 +167,7 @@ class Bounds:
 
 
 def line_of_sight_poses(
-    terms: SnapshotTerms, draw: np.random.Generator, copies: int = COPIES, bearings: int = BEARINGS,
+    terms: AnchorTerms, draw: np.random.Generator, copies: int = COPIES, bearings: int = BEARINGS,
     facing: float | None = None,
 ) -> Array:  # fmt: skip
     """Poses (N, 3) from which an anchor's measurements would be lines of sight.
@@ -200,7 +205,7 @@ def _headed(told: Array, arrives: NDArray[np.bool_], facing: float | None) -> Ar
 
 
 def reflected_poses(
-    terms: SnapshotTerms, draw: np.random.Generator, copies: int = 5, facing: float | None = None
+    terms: AnchorTerms, draw: np.random.Generator, copies: int = 5, facing: float | None = None
 ) -> Array:
     """Poses (N, 3) from which an anchor's measurements would be single bounces over known surfaces.
 
@@ -277,7 +282,7 @@ def _still_finds(pose: Array, score: Array) -> bool:
 
 
 def _refined(
-    snapshot: Snapshot, within: Bounds, poses: Array, draw: np.random.Generator
+    likelihood: PoseLikelihood, within: Bounds, poses: Array, draw: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Means (K, 3), covariances (K, 3, 3) and best scores (K,) of the modes about poses (K, 3)."""
     count, first = len(poses), np.diag(np.array([0.5 * APART_M, 0.5 * APART_M, 0.5 * APART_RAD]) ** 2)
@@ -289,7 +294,7 @@ def _refined(
         root = np.linalg.cholesky(covariance[live])
         fresh = mean[live, None] + normal[live, turn] @ root.transpose(0, 2, 1)
         every = fresh.reshape(-1, 3)
-        value = np.where(within.holds(every), snapshot.score(every, WIDEN if turn == 0 else 1.0), -np.inf)
+        value = np.where(within.holds(every), likelihood.score(every, WIDEN if turn == 0 else 1.0), -np.inf)
         value = value.reshape(fresh.shape[:2])
         there = np.isfinite(value).any(1)
         live, fresh, value = live[there], fresh[there], value[there]

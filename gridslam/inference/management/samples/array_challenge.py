@@ -16,11 +16,11 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.layout import OF_POSE, POSE
 from gridslam.inference.health.doubt import DOUBT_STEPS, ELSEWHERE, ONE_ALONE, Doubt
 from gridslam.inference.management.branching import branches_of
-from gridslam.inference.management.challenge import LISTED, POSES, anywhere, best_snapshot, refined
+from gridslam.inference.management.challenge import LISTED, POSES, anywhere, compare_poses, refined
 from gridslam.inference.management.free_turn import ANY, with_turn
 from gridslam.inference.management.poses.pose_fix import Fix
 from gridslam.inference.management.poses.pose_recovery import TOO_FAR, blurred, moved
-from gridslam.inference.management.poses.pose_score import Snapshot
+from gridslam.inference.management.poses.pose_score import PoseLikelihood
 from gridslam.inference.management.poses.pose_search import Modes, find_modes
 from gridslam.inference.management.samples.paths_alone import alone, headed, mapped
 from gridslam.inference.management.step_info import StepInfo
@@ -69,7 +69,7 @@ def challenged(
     over = mapped(paths, scan, prior, model, work=work)
     draw = np.random.default_rng([work.seed, state.step, PURPOSE])
     pose = prior.belief.mean[POSE]
-    best, here, mirrored = best_snapshot(paths, pose, draw)
+    best, here, mirrored = compare_poses(paths, pose, draw)
     here = max(here, float(refined(over, pose[None], draw)[1][0]))
     watch = watch.scored(best, here, mirrored)
     if watch.against():
@@ -101,12 +101,14 @@ def doubted(info: StepInfo, watch: Doubt) -> StepInfo:
     return info
 
 
-def any_loud(paths: Snapshot) -> bool:
+def any_loud(paths: PoseLikelihood) -> bool:
     """Whether any path is too loud for noise."""
     return any((terms.amplitude**2 > terms.radio.threshold**2 + LOUD).any() for terms in paths.terms)
 
 
-def _found(paths: Snapshot, prior: State, gain: float, model: SignalModel, work: Workspace) -> Modes | None:
+def _found(
+    paths: PoseLikelihood, prior: State, gain: float, model: SignalModel, work: Workspace
+) -> Modes | None:
     """The one pose that explains a scan surely better, if there is no other."""
     if gain < SURELY:
         return None
@@ -116,7 +118,7 @@ def _found(paths: Snapshot, prior: State, gain: float, model: SignalModel, work:
 
 
 def _moved(
-    state: State, prior: State, modes: Modes, paths: Snapshot, over: Snapshot, fresh: State,
+    state: State, prior: State, modes: Modes, paths: PoseLikelihood, over: PoseLikelihood, fresh: State,
     model: SignalModel,
 ) -> State:  # fmt: skip
     """The state before a scan with the agent at the one pose that explains it.

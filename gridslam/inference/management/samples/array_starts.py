@@ -79,10 +79,10 @@ def advance(
 
 def _found(prior: State, scan: SignalScan, model: SignalModel, work: Workspace) -> State | None:
     """The state at the one pose within the prior that explains a scan, if there is no other."""
-    snapshot = alone(prior, scan, model, work)
+    likelihood = alone(prior, scan, model, work)
     stream = [work.seed, prior.step, PURPOSE]
     told = measure_heading(prior, scan, model, ARRIVING_RAD)
-    modes = find_modes(snapshot, told.belief, model.grid, CAP, stream)
+    modes = find_modes(likelihood, told.belief, model.grid, CAP, stream)
     if not is_clear(modes):
         return None
     return branches_of(prior, modes, float(model.start_variance[2]))[0]

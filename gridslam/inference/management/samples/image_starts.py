@@ -15,7 +15,7 @@ from gridslam.arrays import Array
 from gridslam.inference.health.reasons import NOT_FOUND, several_places
 from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.samples.distance_mode import FREE_M
-from gridslam.inference.messages.samples.image_births import INTENSITIES_DB, Found, birth_rate
+from gridslam.inference.messages.samples.image_births import INTENSITIES_DB, FoundDistances, birth_rate
 from gridslam.inference.messages.samples.image_prediction import predict_state
 from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse, band_of
 from gridslam.inference.state.population import Population
@@ -69,7 +69,7 @@ def advance(
     return population, infos[likeliest], several_places(several) if several > 1 else ""
 
 
-def log_evidence(found: Sequence[Found], band: Band, rate: float) -> float:
+def log_evidence(found: Sequence[FoundDistances], band: Band, rate: float) -> float:
     """Log density of a step's samples given those before, by Laplace's approximation.
 
     A new path has anywhere to be, at a rate per delay cell, that of the first step: who needs more of them is

@@ -8,7 +8,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.inference.management.poses.pose_fix import known_sources
-from gridslam.inference.management.poses.pose_score import Snapshot, SnapshotTerms
+from gridslam.inference.management.poses.pose_score import AnchorTerms, PoseLikelihood
 from gridslam.inference.messages.samples.array_births import peaks_of
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.inference.messages.samples.array_paths import start_noise, without_factors
@@ -28,40 +28,40 @@ ARRIVING_RAD = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class HeadedSnapshot(Snapshot):
+class HeadedPoseLikelihood(PoseLikelihood):
     """A scan with a heading that was measured beside it, with a deviation (rad)."""
 
     heading_rad: float
     std_rad: float
 
     def score(self, poses: Array, widen: float = 1.0) -> Array:
-        """As of `Snapshot`, with what the heading says against each pose."""
+        """As of `PoseLikelihood`, with what the heading says against each pose."""
         news = wrap(poses[:, 2] - self.heading_rad) / (widen * self.std_rad)
         return super().score(poses, widen) - 0.5 * np.square(news)
 
 
-def alone(state: State, scan: SignalScan, model: SignalModel, work: Workspace) -> Snapshot:
+def alone(state: State, scan: SignalScan, model: SignalModel, work: Workspace) -> PoseLikelihood:
     """The paths of all anchors that were heard; not the heading."""
     peaks = work.once(peaks_alone, state, scan, model, work)
-    return Snapshot(tuple(SnapshotTerms.of(own, radio, model.birth_rate) for own, radio in peaks))
+    return PoseLikelihood(tuple(AnchorTerms.of(own, radio, model.birth_rate) for own, radio in peaks))
 
 
-def headed(snapshot: Snapshot, scan: SignalScan, model: SignalModel) -> Snapshot:
+def headed(likelihood: PoseLikelihood, scan: SignalScan, model: SignalModel) -> PoseLikelihood:
     """The same with the scan's heading, where it holds one."""
     if scan.heading_rad is None:
-        return snapshot
+        return likelihood
     std = max(model.waveform.heading_std_rad, ARRIVING_RAD)
-    return HeadedSnapshot(snapshot.terms, scan.heading_rad, std)
+    return HeadedPoseLikelihood(likelihood.terms, scan.heading_rad, std)
 
 
 def mapped(
-    snapshot: Snapshot, scan: SignalScan, state: State, model: SignalModel, *, work: Workspace
-) -> Snapshot:
+    likelihood: PoseLikelihood, scan: SignalScan, state: State, model: SignalModel, *, work: Workspace
+) -> PoseLikelihood:
     """The same with the single bounces over the surfaces that a state knows."""
     known = known_sources(state, model, work=work)
     heard = np.flatnonzero(scan.heard).tolist()
-    rows = zip(snapshot.terms, heard, strict=True)
-    return replace(snapshot, terms=tuple(replace(terms, known=known[anchor]) for terms, anchor in rows))
+    rows = zip(likelihood.terms, heard, strict=True)
+    return replace(likelihood, terms=tuple(replace(terms, known=known[anchor]) for terms, anchor in rows))
 
 
 def peaks_alone(

@@ -45,7 +45,7 @@ class FeatureWork(StageClock):
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
+class StepSamples:
     """Samples of one step as messages take them.
 
     Attributes
@@ -60,7 +60,7 @@ class Snapshot:
     heading_rad: float
 
 
-def take_snapshot(scan: SignalScan, model: SignalModel) -> Snapshot:
+def step_samples(scan: SignalScan, model: SignalModel) -> StepSamples:
     """The samples of anchors of one element each.
 
     Raises
@@ -73,7 +73,7 @@ def take_snapshot(scan: SignalScan, model: SignalModel) -> Snapshot:
         if len(model.waveform.agent_element_m) > 1:
             raise InputError("signal: heading_rad", "none", "a heading, which the agent's array needs")
         heading = 0.0
-    return Snapshot(scan.samples[:, 0], scan.heard, heading)
+    return StepSamples(scan.samples[:, 0], scan.heard, heading)
 
 
 def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: int) -> HybridState:
@@ -89,10 +89,10 @@ def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: i
 
 @timed("follow")
 def follow_by_particles(
-    state: HybridState, snapshot: Snapshot, model: SignalModel, bounded: bool = False, *, work: FeatureWork
+    state: HybridState, received: StepSamples, model: SignalModel, bounded: bool = False, *, work: FeatureWork
 ) -> tuple[HybridState, Moments]:
     """Particles of agent and noise after the samples, (M134)-(M136), see `sight.update_particles`."""
-    front, seed, samples, heard = work.front, work.seed, snapshot.samples, snapshot.heard
+    front, seed, samples, heard = work.front, work.seed, received.samples, received.heard
     tables = [front.tables(z[None]) for z in samples]
     cloud = state.particles
     if cloud is None:
@@ -100,7 +100,7 @@ def follow_by_particles(
         state = replace(state, joint=state.before)
         cloud = sight.start_particles(state.joint, tables, heard, model, seed)
     cloud, moments = sight.update_particles(
-        cloud, state.joint, samples, tables, heard, snapshot.heading_rad, front, model, seed, state.step,
+        cloud, state.joint, samples, tables, heard, received.heading_rad, front, model, seed, state.step,
         bounded, state.segment.latest(),
     )  # fmt: skip
     return replace(state, particles=cloud), moments
@@ -108,11 +108,11 @@ def follow_by_particles(
 
 @timed("follow")
 def follow_jointly(
-    state: HybridState, snapshot: Snapshot, model: SignalModel, *, work: FeatureWork
+    state: HybridState, received: StepSamples, model: SignalModel, *, work: FeatureWork
 ) -> tuple[HybridState, Moments]:
     """The joint belief after the samples, (M126)-(M130), beside paths that nobody knows yet, (M526)."""
     joint, evidence = update_by_readings(
-        state.joint, snapshot.samples, snapshot.heard, snapshot.heading_rad, model, state.step
+        state.joint, received.samples, received.heard, received.heading_rad, model, state.step
     )
     moments = Moments(joint.mean[:MOVING], joint.agent_covariance, evidence, np.inf)
     return leapt(replace(state, joint=joint), state.joint, joint), moments
@@ -134,33 +134,33 @@ def leapt(state: HybridState, before: JointBelief, after: JointBelief, since: in
     return replace(state, leap_m=far, since_leap=since)
 
 
-def remember(state: HybridState, snapshot: Snapshot, moments: Moments) -> HybridState:
+def remember(state: HybridState, received: StepSamples, moments: Moments) -> HybridState:
     """The segment with this step."""
     assert state.time_s is not None
     segment = state.segment.add(
-        state.time_s, snapshot.heading_rad, snapshot.heard, snapshot.samples, moments.mean,
+        state.time_s, received.heading_rad, received.heard, received.samples, moments.mean,
         moments.log_evidence,
     )  # fmt: skip
     return replace(state, segment=segment)
 
 
 def count_step(
-    state: HybridState, snapshot: Snapshot, moments: Moments, front: Front, model: SignalModel
+    state: HybridState, received: StepSamples, moments: Moments, front: Front, model: SignalModel
 ) -> HybridState:
     """The state with one more step taken, and whether it contradicts where the agent is believed to be.
 
     It does if anything arrives before a line of sight that is as short as the agent's deviations allow. Where
     no line of sight is seen, it tells nothing else.
     """
-    silent = 0 if snapshot.heard.any() else state.silent + 1
+    silent = 0 if received.heard.any() else state.silent + 1
     belief = state.joint if state.particles is None else state.particles
-    sights = snapshot.heard & (belief.existence > SIGHTED)
+    sights = received.heard & (belief.existence > SIGHTED)
     seen, early = bool(sights.any()), False
-    for j in np.flatnonzero(snapshot.heard):
+    for j in np.flatnonzero(received.heard):
         way = moments.mean[:2] - model.anchors[j, :2]
         far = float(np.hypot(*way))
         spread = float(np.sqrt(way @ moments.covariance[:2, :2] @ way)) / max(far, LEAST_M)
-        early |= Arrivals.of(snapshot.samples[j], front).before(far - DEVIATIONS * spread)
+        early |= Arrivals.of(received.samples[j], front).before(far - DEVIATIONS * spread)
     share = state.early + (1 - KEEP) * (early - state.early) * (early or seen)
     unseen = state.unseen if len(state.unseen) else np.zeros(len(sights), np.int64)
     return replace(

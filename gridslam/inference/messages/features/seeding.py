@@ -179,7 +179,7 @@ def nearer(place: Array, power: float, kind: int, stretch: Stretch, left: Tables
     return best, gain
 
 
-class Found(NamedTuple):
+class NewFeature(NamedTuple):
     """A feature (4,): x, y, extra length (m) and power; its kind; what it gains beyond its price, nats."""
 
     feature: Array
@@ -187,13 +187,13 @@ class Found(NamedTuple):
     gain: float
 
 
-def together(gains: Gains, price: Array, stretch: Stretch, left: Tables) -> list[list[Found]]:
+def together(gains: Gains, price: Array, stretch: Stretch, left: Tables) -> list[list[NewFeature]]:
     """The best of new features, and others whose paths are too far from its own to depend on it.
 
     Each may be of any of the kinds that are listed, the best first: all that are in doubt of the first, and
     of others none, or they are left for later.
     """
-    found, beside = list[list[Found]](), np.zeros(0)
+    found, beside = list[list[NewFeature]](), np.zeros(0)
     while len(found) < TOGETHER:
         top = gains.best(price, None, stretch, left, beside)
         if top < 0:
@@ -205,7 +205,7 @@ def together(gains: Gains, price: Array, stretch: Stretch, left: Tables) -> list
         for row in (r for r in rivals if r >= 0):
             what = int(gains.kinds[row])
             near, gain = nearer(gains.places[row], gains.power[row], what, stretch, left)
-            ends.append(Found(near, what, gain - price[what]))
+            ends.append(NewFeature(near, what, gain - price[what]))
         ends.sort(key=lambda end: end.gain, reverse=True)
         ends = [end for end in ends if end.gain > ends[0].gain - CLOSE]
         if found and len(ends) > 1:

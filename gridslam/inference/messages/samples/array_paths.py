@@ -15,7 +15,7 @@ from gridslam.inference.messages.cells import Visibility
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Complex, one_more
-from gridslam.inference.messages.samples.array_search import Found, find_paths
+from gridslam.inference.messages.samples.array_search import FoundPaths, find_paths
 from gridslam.inference.messages.samples.noise_levels import learned_noise
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
 from gridslam.inference.messages.samples.state_mode import PathsPrior, is_wide, paths_at
@@ -98,7 +98,7 @@ class SnapshotLikelihood:
     ----------
     followed : (N,) intp
         Which of them took part in the mode.
-    found : Found
+    found : FoundPaths
     matched, own : (L,)
         |y|^2 and g of each, in units in which the noise has power 1, as if it were one more on top of all
         others.
@@ -107,7 +107,7 @@ class SnapshotLikelihood:
     """
 
     followed: NDArray[np.intp]
-    found: Found
+    found: FoundPaths
     matched: Array
     own: Array
     log_worth: Array

@@ -52,7 +52,7 @@ class NewPaths:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundPaths:
     """What a snapshot holds.
 
     Attributes
@@ -85,7 +85,9 @@ def level_of(band: ArrayBand, rate: float = FALSE_PEAKS) -> float:
     return float(level)
 
 
-def find_paths(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float, power: Array) -> Found:
+def find_paths(
+    band: ArrayBand, samples: Complex, prior: PathsPrior, noise: float, power: Array
+) -> FoundPaths:
     """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
 
     A peak beside a known path that was hardly believed in is taken to be this.
@@ -97,7 +99,7 @@ def find_paths(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: floa
     """
     peaks = _Peaks(band, samples, noise, power)
     prior, mode = take_in(peaks, prior)
-    return Found(prior, mode, _new(prior, mode), *peaks.left_by(mode))
+    return FoundPaths(prior, mode, _new(prior, mode), *peaks.left_by(mode))
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,7 +66,7 @@ class NewDistance:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FoundDistances:
     """What a snapshot holds.
 
     Attributes
@@ -114,7 +114,7 @@ def birth_rate(step: int, bounces: int) -> float:
 
 def find_births(
     band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float, first: bool = False
-) -> Found:
+) -> FoundDistances:
     """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
 
     Parameters
@@ -129,7 +129,7 @@ def find_births(
     births, known = _Births(band, samples, prior, noise, rate), len(prior.mean)
     prior, mode = take_in(births, prior)
     inverse, table = births.explained(prior, mode)
-    return Found(prior, mode, births.taken + births.weak, inverse, table, known)
+    return FoundDistances(prior, mode, births.taken + births.weak, inverse, table, known)
 
 
 def with_sight(band: Band, samples: Complex, prior: PathPrior, noise: float) -> PathPrior:

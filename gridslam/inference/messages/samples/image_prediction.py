@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior
-from gridslam.inference.messages.samples.image_births import Found
+from gridslam.inference.messages.samples.image_births import FoundDistances
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
 from gridslam.inference.state.rings import MOVING, Rings, follow, move, symmetric
 from gridslam.inference.state.samples.images import DirectState, predict
@@ -172,7 +172,7 @@ def ring_distances(rings: Rings) -> tuple[Array, Array]:
     return mean, (rings.weight * (np.maximum(spread, 1e-12) + off * off)).sum(-1)
 
 
-def update_state(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+def update_state(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> DirectState:
     """Update agent and settled images by the mode of their distances; rings follow (M80)."""
     before, mode = state.belief, found.mode
     reached, narrowed = weighed_by_presence(paths, mode, presence(state, paths, found))
@@ -184,7 +184,7 @@ def update_state(state: DirectState, paths: AnchorPaths, found: Found) -> Direct
     return replace(state, belief=after, tentative=replace(state.tentative, rings=rings))
 
 
-def presence(state: DirectState, paths: AnchorPaths, found: Found) -> Array:
+def presence(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> Array:
     """How much (1 + S,) each path of the joint belief tells: the line of sight as much as it is there (M443).
 
     Its place is known, so that all that its mode says is of the agent. An image's path that is away mostly

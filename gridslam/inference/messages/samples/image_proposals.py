@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.samples.common_walls import SPREAD_M, image_there, places_by_walls, widest
-from gridslam.inference.messages.samples.image_births import Found
+from gridslam.inference.messages.samples.image_births import FoundDistances
 from gridslam.inference.messages.samples.image_prediction import AnchorPaths
 from gridslam.inference.messages.samples.signal_likelihood import Inverse, log_ratio
 from gridslam.inference.state.rings import MOVING
@@ -40,7 +40,9 @@ POINTS = np.linspace(-2, 2, 9)
 """Where a proposed image's path is tried, in deviations."""
 
 
-def propose_images(state: DirectState, paths: AnchorPaths, found: Found, model: FilterModel) -> DirectState:
+def propose_images(
+    state: DirectState, paths: AnchorPaths, found: FoundDistances, model: FilterModel
+) -> DirectState:
     """Begin images where walls put them, of those whose path may be there now."""
     mode, anchor = found.mode, paths.anchor
     known = (widest(state.place_covariances) < SPREAD_M) | (state.images.bounces != 0)
@@ -77,7 +79,7 @@ def confirm_proposals(state: DirectState) -> DirectState:
     return replace(state, images=replace(images, bounces=np.where(done, -images.bounces, images.bounces)))
 
 
-def judge_proposals(state: DirectState, paths: AnchorPaths, found: Found) -> tuple[Array, Array]:
+def judge_proposals(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> tuple[Array, Array]:
     """|y|^2 and g (1 + S,) of each path, those of proposed images as if nothing stood in for them.
 
     A ring whose bearing is wrong follows any path, and would explain that of a proposed image for ever.
@@ -96,7 +98,7 @@ def judge_proposals(state: DirectState, paths: AnchorPaths, found: Found) -> tup
     return matched, own
 
 
-def retire_substitutes(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+def retire_substitutes(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> DirectState:
     """Rings, and images known badly, that stay where a confirmed image's path is are hardly there.
 
     Two paths that cross stand beside each other for some steps, too, and both are there.
@@ -116,7 +118,7 @@ def retire_substitutes(state: DirectState, paths: AnchorPaths, found: Found) -> 
     return replace(state, images=images, tentative=replace(state.tentative, rings=rings))
 
 
-def _untied(state: DirectState, paths: AnchorPaths, found: Found) -> Flags:
+def _untied(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> Flags:
     """Which of the mode's paths no common wall stands behind: rings, new paths, most images."""
     untied = np.ones(len(found.mode.distance), bool)
     untied[0] = False
@@ -124,14 +126,14 @@ def _untied(state: DirectState, paths: AnchorPaths, found: Found) -> Flags:
     return untied
 
 
-def _beside(found: Found, rows: ArrayLike) -> Flags:
+def _beside(found: FoundDistances, rows: ArrayLike) -> Flags:
     """Which of the mode's paths are where each of some (R) is, (R, N)."""
     mode, some = found.mode, np.asarray(rows)[:, None]
     reach = GATE * np.sqrt(mode.variance[some]) + GATE_M
     return np.asarray(np.abs(mode.distance - mode.distance[some]) < reach)
 
 
-def _crossing(state: DirectState, paths: AnchorPaths, found: Found, rows: NDArray[np.intp]) -> Flags:
+def _crossing(state: DirectState, paths: AnchorPaths, found: FoundDistances, rows: NDArray[np.intp]) -> Flags:
     """Which of the mode's paths only cross the place of each of some (R), (R, N) (M543)."""
     mean, spread = _gained(state, paths)
     fill = len(found.mode.distance) - len(mean)  # new paths lead anywhere
@@ -164,7 +166,7 @@ def _gained(state: DirectState, paths: AnchorPaths) -> tuple[Array, Array]:
     )
 
 
-def _alone(found: Found, out: Flags, distance: Array) -> tuple[Array, Array]:
+def _alone(found: FoundDistances, out: Flags, distance: Array) -> tuple[Array, Array]:
     """|y|^2 and g at distances, on top of all paths but some."""
     mode, inverse = found.mode, found.inverse
     if out.any():

@@ -15,7 +15,7 @@ from gridslam.inference.messages.samples.image_births import (
     LEAST_EXISTENCE,
     MOST_TENTATIVE,
     OWN_PLACE_M,
-    Found,
+    FoundDistances,
 )
 from gridslam.inference.messages.samples.image_prediction import P_STAY, AnchorPaths
 from gridslam.inference.messages.samples.signal_likelihood import pairs
@@ -38,7 +38,7 @@ def nodes() -> Array:
     return np.column_stack([NODES, NODE_WEIGHTS, NODES])
 
 
-def learn_rings(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+def learn_rings(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> DirectState:
     """Update existence and hypotheses of an anchor's rings by their likelihood ratios (M83).
 
     Every ring is judged as one more path on top of all others, which stand at their mode.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, put, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages.samples.distance_mode import Mode
-from gridslam.inference.messages.samples.image_births import Found
+from gridslam.inference.messages.samples.image_births import FoundDistances
 from gridslam.inference.messages.samples.image_prediction import AnchorPaths, image_distances
 from gridslam.inference.messages.samples.image_proposals import judge_proposals
 from gridslam.inference.messages.samples.noise_levels import learned_noise
@@ -66,7 +66,7 @@ def first_noise(band: Band, samples: Complex, cells: Array) -> float:
     return float(np.quantile(power, QUIET)) / (-np.log1p(-QUIET) * share)
 
 
-def update_levels(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+def update_levels(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> DirectState:
     """Visibility and intensity of all paths of an anchor, and its noise."""
     mode = found.mode
     anchor, images, links, tentative = paths.anchor, state.images, state.links, state.tentative
@@ -112,7 +112,7 @@ def _averaged(level: Array, count: Array, power: Array, chance: Array, noise: fl
     return np.maximum(level + chance / np.maximum(counted, 1.0) * (power - level), noise), counted
 
 
-def watch_fit(state: DirectState, paths: AnchorPaths, found: Found) -> DirectState:
+def watch_fit(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> DirectState:
     """How well an anchor's samples fitted: shifts of distances, and the power that known paths explain.
 
     Known are the paths of the joint belief. Tentative ones tell nothing of the agent: where it is lost, they
