@@ -265,7 +265,7 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     InputError
         The map that they begin with was made of what one of them heard.
     """
-    from gridslam.maps.run_identity import begun, refuse_heard
+    from gridslam.maps.run_identity import first_identity, refuse_heard
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
     from gridslam.runs.stopping import StoppedLate
@@ -286,7 +286,7 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     try:
         if turns.given is not None:  # before the first of them has taken its time
             for number in range(len(names)):
-                own_run = begun(world.anchor_positions, heard(number))
+                own_run = first_identity(world.anchor_positions, heard(number))
                 refuse_heard(turns.given.provenance, own_run, f"--map for {names[number]}")
         for number, name in enumerate(names):
             observed = heard(number)

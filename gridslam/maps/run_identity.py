@@ -106,7 +106,7 @@ def refuse_heard(provenance: Mapping[str, object], heard: Identity, where: str =
             raise InputError(where, found, allowed)
 
 
-def begun(places: np.ndarray, heard: Iterable[Observation]) -> Identity:
+def first_identity(places: np.ndarray, heard: Iterable[Observation]) -> Identity:
     """Identity of a run after the first step at which anything was heard of anchors at `places` (J, 2)."""
     start = Identity.of(places)
     return next((start.after(scan) for scan in heard if len(scan)), start)

@@ -20,7 +20,7 @@ def fit_forms(pose: Array, known: Array, heard: Array, place: Array, line: Array
     fresh = ~form[:, [2, 4, 7, 9]].any(1)
     forms = form.copy()
     if fresh.any():
-        forms[fresh] = begun(value[fresh], variance[fresh], place[fresh], pose, line[fresh])
+        forms[fresh] = first_forms(value[fresh], variance[fresh], place[fresh], pose, line[fresh])
     half = len(forms)
     mean = np.concatenate([forms[:, 0:2], forms[:, 5:7]])
     spread = np.concatenate([forms[:, 2:5], forms[:, 7:10]])[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
@@ -53,7 +53,7 @@ def fit_forms(pose: Array, known: Array, heard: Array, place: Array, line: Array
     return forms
 
 
-def begun(value: Array, variance: Array, places: Array, pose: Array, lines: Array) -> Array:
+def first_forms(value: Array, variance: Array, places: Array, pose: Array, lines: Array) -> Array:
     """Forms (D, 11) known about where they are: a wall as it is believed, and a point on the way."""
     forms, place = np.zeros((len(value), ODDS + 1)), pose[:2]
     forms[:, WALL] = lines * [1, 1, BELIEVED, BELIEVED, BELIEVED]

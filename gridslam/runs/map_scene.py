@@ -19,7 +19,7 @@ from gridslam.measurements.table import Measurements
 from gridslam.runs.heard_stretches import map_so_far
 from gridslam.runs.run import Run
 from gridslam.runs.step_files import storable
-from gridslam.runs.steps import begun, run_steps
+from gridslam.runs.steps import resumed_or_started, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, taken_by
@@ -119,7 +119,7 @@ def map_scene(
     began = start_of(scene, agent or scene.agents[0].name, seed, start, simulated)
     told = began if isinstance(start, Start) or began.how in ("drawn", "told") else None  # else the scene's
     device = runtime.start()
-    slam, before = begun(
+    slam, before = resumed_or_started(
         found, checkpoint, lambda: _started(found, scene, prior_map, agent, seed, told, waveform)
     )
     with _watcher(progress, slam.agent, measurements) as tell:

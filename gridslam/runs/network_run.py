@@ -18,7 +18,7 @@ from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.heard_stretches import map_so_far
 from gridslam.runs.map_scene import believed_track, check_anchors
 from gridslam.runs.run import Run
-from gridslam.runs.steps import begun, run_steps
+from gridslam.runs.steps import resumed_or_started, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back
 from gridslam.runs.summary import NETWORK, blank
 from gridslam.runs.unfinished import AgentCheckpoint
@@ -212,7 +212,7 @@ def map_network(
             slam.start_all(told)
         return slam
 
-    slam, before = begun(system, checkpoint, start)
+    slam, before = resumed_or_started(system, checkpoint, start)
     done = run_steps(slam.step, slam, measurements, before, progress, watch, checkpoint)
     with held_back() as asked:
         estimates = done.estimates

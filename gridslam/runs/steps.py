@@ -52,7 +52,7 @@ class Steps(Generic[Estimated]):
         return statistics.median(self.seconds)
 
 
-def begun(
+def resumed_or_started(
     system: type[System], checkpoint: AgentCheckpoint | None, start: Callable[[], System]
 ) -> tuple[System, Steps[Any]]:
     """A filter and the steps that it took already: of a checkpoint, or none and one that starts.
@@ -89,7 +89,7 @@ def run_steps(
     scans : Measurements, Recording or NetworkMeasurements
         Of all steps.
     before : Steps
-        Of `begun`: those that needn't be taken again.
+        Of `resumed_or_started`: those that needn't be taken again.
     progress, watch, checkpoint
         As those of `gridslam.map_scene`.
 

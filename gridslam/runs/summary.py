@@ -232,14 +232,14 @@ def hold(summary: Mapping[str, Any], where: str) -> None:
     InputError
         With key, value and what is allowed.
     """
-    for key, value, one in told(summary):
+    for key, value, one in described(summary):
         if value is None or one is None or (isinstance(one, Entry) and one.fits(value)):
             continue
         allowed = one.allowed if isinstance(one, Entry) else "a table"
         raise InputError(f"{where}: {key}", f"{value!r}"[:60], allowed)
 
 
-def told(
+def described(
     summary: Mapping[str, Any], entries: Iterable[Entry] = SUMMARY
 ) -> Iterator[tuple[str, Any, Entry | dict[str, Any] | None]]:
     """All keys of a summary with their values, and what is described of them.

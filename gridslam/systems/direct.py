@@ -27,8 +27,7 @@ from gridslam.inference.management.samples.image_readout import (
 )
 from gridslam.inference.management.samples.image_ties import share_walls
 from gridslam.inference.management.samples.mirrored_places import watch_mirrors
-from gridslam.inference.management.samples.second_look import LAST, begun
-from gridslam.inference.management.samples.second_look import advance as advance_population
+from gridslam.inference.management.samples.second_look import LAST, advance_population, begun
 from gridslam.inference.messages.samples.early_paths import watch_arrivals
 from gridslam.inference.messages.samples.image_births import (
     FIRST_STEPS,

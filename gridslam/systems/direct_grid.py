@@ -13,8 +13,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.inference.management.merging import merge_and_prune
 from gridslam.inference.management.no_mirrors import drop_no_mirrors
-from gridslam.inference.management.samples.array_starts import advance as advance_population
-from gridslam.inference.management.samples.array_starts import begun
+from gridslam.inference.management.samples.array_starts import advance_population, begun
 from gridslam.inference.management.samples.open_turn import turn_held
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells

@@ -18,7 +18,7 @@ from gridslam.inference.management.early_arrivals import watched_arrivals
 from gridslam.inference.management.features.left_features import left_features
 from gridslam.inference.management.features.surface_features import mirror_surfaces
 from gridslam.inference.management.free_turn import all_with_turn, put_back
-from gridslam.inference.management.hypotheses import advance, begun
+from gridslam.inference.management.hypotheses import advance_population, begun
 from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.sole_sight import as_far_as_told
@@ -204,7 +204,7 @@ class SurfaceFilter(SurfaceFront[Scan]):
         if len(scan):
             believed, scan = as_far_as_told(believed, scan, self.model, self.work)  # (M514)
         if self._branches(self.state):
-            after, info = advance(believed, scan, self.model, self.work, self.start, self.advance)
+            after, info = advance_population(believed, scan, self.model, self.work, self.start, self.advance)
         else:
             state, info = self.advance(believed.best, scan, self.model, self.work)
             after = Population.of(state)

@@ -12,7 +12,7 @@ from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
 from gridslam.inference.beliefs.belief import lines_covariance
 from gridslam.inference.management.free_turn import put_back, turn_of_all
-from gridslam.inference.management.network.clock_rivals import advance
+from gridslam.inference.management.network.clock_rivals import advance_population
 from gridslam.inference.management.network.readout import CONFIRMED, network_estimate
 from gridslam.inference.management.readout import surface_estimate
 from gridslam.inference.management.step_info import NetworkInfo
@@ -123,7 +123,7 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
 
     def _advanced(self, scan: NetworkScan) -> tuple[Population[NetworkState], NetworkInfo]:
         believed = turn_of_all(self.now.believed, scan, self.model)
-        return advance(believed, scan, self.model, self.work, self.advance)
+        return advance_population(believed, scan, self.model, self.work, self.advance)
 
     def _workspace(self) -> tuple[Workspace, ...]:
         first = Workspace(self.model.agents[0], self.seed, self.keeps_grid)

@@ -11,7 +11,7 @@ from scene_samples import raised, shortened, with_levels
 import gridslam as gs
 from gridslam.errors import InputError
 from gridslam.runs.run_files import read_run, read_summary, write_run
-from gridslam.runs.summary import SUMMARY, Entry, hold, told
+from gridslam.runs.summary import SUMMARY, Entry, described, hold
 from gridslam.simulation.network import simulate_network
 
 
@@ -46,7 +46,7 @@ def written(tmp_path_factory):
 def test_what_is_written_is_what_is_described(written):
     found = set()
     for summary in written.values():
-        entries = {key: one for key, _, one in told(summary)}
+        entries = {key: one for key, _, one in described(summary)}
         assert {key for key, one in entries.items() if one is None} - {"threads"} == set()
         assert {key for key, one in entries.items() if isinstance(one, dict)} == set()
         found |= {one.name for one in entries.values() if isinstance(one, Entry)}

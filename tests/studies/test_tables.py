@@ -17,7 +17,7 @@ from gridslam.cli.study import _table
 from gridslam.drawing.map_figure import encoded
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import Bound, MapBound
-from gridslam.runs.summary import Entry, told
+from gridslam.runs.summary import Entry, described
 from gridslam.studies.batches import Benchmark, _benchmarks, batches
 from gridslam.studies.columns import HEAD, RECORD, RUNS, STEPS, SUMMARY
 from gridslam.studies.looks import DOTTED, SPARSE, STYLES
@@ -113,7 +113,7 @@ def test_results_are_what_is_described(scene, tmp_path):
     head, record, _, other = lines
     found = set()
     for content, entries in ((head, HEAD), (record, RECORD), (other, RECORD)):
-        for key, value, one in told(content, entries):
+        for key, value, one in described(content, entries):
             assert isinstance(one, Entry), key
             assert value is None or one.fits(value), key
             found.add(one)

@@ -109,7 +109,7 @@ class Calibration:
         mean = (TRUST * stated + float(self.clutter[anchor])) / (TRUST + float(self.listened[anchor]))
         return min(max(mean, LEAST_CLUTTER * stated), max(MOST_CLUTTER * stated, ANY_CLUTTER))
 
-    def level(self, anchor: int, stated: float) -> float:
+    def clutter_level(self, anchor: int, stated: float) -> float:
         """The estimate if it differs from the scene's level beyond doubt, else that level."""
         mean = self.estimate(anchor, stated)
         doubt = math.sqrt(stated / (TRUST + float(self.listened[anchor])))
@@ -117,7 +117,7 @@ class Calibration:
 
     def tuned(self, stated: RadioModel, anchor: int) -> RadioModel:
         """The radio with the calibration applied."""
-        gain, level = self.gain, self.level(anchor, stated.false_alarms)
+        gain, level = self.gain, self.clutter_level(anchor, stated.false_alarms)
         if gain == 1 and level == stated.false_alarms:
             return stated
         return replace(stated, amplitude_at_1m=stated.amplitude_at_1m * gain, false_alarms=level)
@@ -136,7 +136,7 @@ class Calibration:
         """With a ratio of true to stated amplitude and its deviation, whatever was believed of it: (M564)."""
         return replace(self, pull=gain / std**2, weight=1 / std**2)
 
-    def told(self, anchor: int, turned: float, weight: float) -> Self:
+    def with_turn(self, anchor: int, turned: float, weight: float) -> Self:
         """An anchor is turned by so much (rad, with 1 / rad^2), whatever was believed of it: (M511)."""
         turn, turn_weight = self.turn.copy(), self.turn_weight.copy()
         turn_weight[anchor] = TURN_STD**-2 + weight

@@ -103,7 +103,7 @@ class HealthMonitor:
     early: float = field(default=0.0, metadata={"later": True})
     trial: int = field(default=0, metadata={"later": True})
 
-    def begun(self, scan_size: int) -> Self:
+    def next_step(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""
         return replace(
             self,

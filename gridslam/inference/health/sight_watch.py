@@ -177,7 +177,7 @@ class SightWatch:
             return self, calibration
         for j in self.beyond_doubt(TURNED).tolist():
             (_, turn), (_, weight) = self.sums[TURNED, j, :2, :2].tolist()
-            calibration = calibration.told(j, turn / weight, weight)
+            calibration = calibration.with_turn(j, turn / weight, weight)
             watch = watch._forgetting(j)
         return watch, calibration
 

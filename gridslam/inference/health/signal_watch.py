@@ -45,7 +45,7 @@ class SignalWatch:
     silent: int = 0
     early: float = field(default=0.0, metadata={"later": True})
 
-    def begun(self, audible: int) -> Self:
+    def next_step(self, audible: int) -> Self:
         """A new step with snapshots of so many anchors."""
         return replace(
             self, misfit=KEEP * self.misfit, freedom=KEEP * self.freedom, explained=KEEP * self.explained,

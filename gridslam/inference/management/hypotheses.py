@@ -67,7 +67,7 @@ def tells_poses(model: FilterModel) -> bool:
     return "distance" in model.radio.measures and bool({"aod", "aoa"} & set(model.radio.measures))
 
 
-def advance(
+def advance_population(
     population: Population[State], scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
 ) -> tuple[Population[State], StepInfo]:
     """One step of all hypotheses.

@@ -131,7 +131,7 @@ def comparable(info: StepInfo, state: State, model: FilterModel) -> float:
     """Log evidence of a step, such that hypotheses with clutter levels of their own can be compared."""
     stated, log = model.radio.false_alarms, info.log_evidence
     for exchange in info.exchanges:
-        level = state.calibration.level(exchange.anchor, stated)
+        level = state.calibration.clutter_level(exchange.anchor, stated)
         if level != stated:
             log += exchange.measured.shape[1] * float(np.log(level / stated)) - (level - stated)
     return log

@@ -26,7 +26,7 @@ def learn_clutter(
         With the level that is believed now.
     """
     calibration = state.calibration.with_clutter(anchor, ratios.clutter, model.radio)
-    level = calibration.level(anchor, model.radio.false_alarms)
+    level = calibration.clutter_level(anchor, model.radio.false_alarms)
     if level != radio.false_alarms:
         ratios = ratios.against(level / radio.false_alarms)
         radio = replace(radio, false_alarms=level)

@@ -57,7 +57,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         surfaces=surfaces,
         parked=parked,
         calibration=state.calibration.faded(),
-        monitor=state.monitor.begun(scan_size),
+        monitor=state.monitor.next_step(scan_size),
         time_s=time_s,
     )
 

@@ -149,7 +149,7 @@ def test_the_clutter_level_is_bounded_whatever_is_heard(counts, reported):
     calibration = Calibration.start(1)
     for count in counts:
         calibration = calibration.faded().with_clutter(0, count, signal)
-        level = calibration.level(0, reported)
+        level = calibration.clutter_level(0, reported)
         assert LEAST_CLUTTER * reported <= level <= max(MOST_CLUTTER * reported, ANY_CLUTTER)
 
 
@@ -157,7 +157,7 @@ def test_the_clutter_level_follows_a_burst_within_three_steps_and_back(signal):
     calibration, levels = Calibration.start(1), []
     for count in [2] * 20 + [20] * 5 + [2] * 15:
         calibration = calibration.faded().with_clutter(0, count, signal)
-        levels.append(calibration.level(0, signal.false_alarms))
+        levels.append(calibration.clutter_level(0, signal.false_alarms))
     assert levels[19] == 2
     assert levels[22] > 10
     assert levels[-1] < 4
@@ -297,7 +297,7 @@ def test_surfaces_that_are_dropped_for_want_of_room_are_told(walls, sure, left_o
     after = merge_and_prune(state, model_of(anchors=[[0.0, 0.0, 0.0]]))
     assert len(after.surfaces) == 24
     assert after.monitor.dropped == left_out
-    assert after.monitor.begun(3).dropped == 0
+    assert after.monitor.next_step(3).dropped == 0
     model = model_of(anchors=[[0.0, 0.0, 0.0]])
     health, _ = after.monitor.assess(after.calibration, np.zeros(1), model, 0.1, 100.0)
     assert ("want of room" in health.why) == (left_out > 0)

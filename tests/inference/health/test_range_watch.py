@@ -240,7 +240,7 @@ def test_health_says_so_at_every_step_and_after_a_run_was_resumed(tmp_path):
 def test_no_anchor_is_called_turned_while_distances_of_all_are_wrong(metres, anchor, turned):
     measurements, slam = gs.simulate(ROOM, "agent1", 24), gs.AdaptiveSlam(ROOM, seed=1)
     slam.step(measurements.scan(0))
-    told = slam.state.calibration.told(1, 0.15, 1e6)
+    told = slam.state.calibration.with_turn(1, 0.15, 1e6)
     state = replace(slam.state, calibration=told)
     doubt = reasons.offset("all anchors" if anchor is None else "anchor A", metres)
     ranges = replace(RangeWatch.start(2), doubt=doubt)

@@ -205,7 +205,7 @@ def test_places_on_trial_fall_no_further_behind_than_they_began(mapped):
     tried = replace(state, monitor=replace(state.monitor, trial=1))
     log = on_trial(np.array([-3.0, -50.0, -4.0, -60.0]), [state, tried, tried, state])
     assert log.tolist() == [-3.0, -3.0 - HANDICAP, -4.0, -60.0]
-    assert tried.monitor.begun(5).trial == 0 == state.monitor.begun(5).trial
+    assert tried.monitor.next_step(5).trial == 0 == state.monitor.next_step(5).trial
     called = Population((moved(state, (2.0, 1.0), 1.0),), watch=Doubt(doubtful=DOUBT_STEPS))
     for watch, steps in [(called.watch, 0), (replace(called.watch, elsewhere=ELSEWHERE + 1), TRIAL)]:
         model, work = mapped[0].model, mapped[0].work

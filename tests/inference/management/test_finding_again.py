@@ -80,14 +80,14 @@ def test_a_leap_is_what_no_motion_leads_to(gap, metres):
 def test_an_agent_that_was_well_and_leaps_is_distrusted_for_long():
     model = gs.Scene.load("room").filter_model("agent1")
     well = HealthMonitor().judged(well=True)
-    assert not HealthMonitor().begun(4).leapt(3.0).distrusted  # where it was nobody knew
-    assert not well.begun(4).leapt(0.0).distrusted
-    monitor, said = well.begun(4).judged(well=False).begun(4).leapt(13.2), []
-    assert monitor.begun(4).leapt(2.0).leap_m == 13.2
+    assert not HealthMonitor().next_step(4).leapt(3.0).distrusted  # where it was nobody knew
+    assert not well.next_step(4).leapt(0.0).distrusted
+    monitor, said = well.next_step(4).judged(well=False).next_step(4).leapt(13.2), []
+    assert monitor.next_step(4).leapt(2.0).leap_m == 13.2
     for _ in range(DISTRUSTED + 1):
         health, monitor = monitor.assess(Calibration.start(2), np.array([0.0, 0.1]), model, 0.02, np.inf)
         said.append(health.why)
-        monitor = monitor.begun(4)
+        monitor = monitor.next_step(4)
     assert said[0] == "moved 13.2 m at once 0 steps ago, as no motion does: it may be elsewhere"
     assert all(LEAPT in why and "turned" not in why for why in said[:DISTRUSTED])
     assert said[DISTRUSTED] == "anchor B seems turned by 5.7 degrees"

@@ -22,7 +22,7 @@ from gridslam.inference.management.free_turn import (
     with_turn,
     without_turn,
 )
-from gridslam.inference.management.hypotheses import advance
+from gridslam.inference.management.hypotheses import advance_population
 from gridslam.inference.management.poses.pose_recovery import is_vague
 from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.inference.state.population import Population
@@ -350,7 +350,7 @@ def test_places_on_one_ring_are_neither_listed_nor_split(lone_anchor, wide):
     state = slam.state.believing(replace(belief, covariance=wider))
     if wide == "turned by a map":
         state = replace(state, turn_variance=0.0)
-    after, _ = advance(Population.of(state), table[8], slam.model, slam.work, start, slam.advance)
+    after, _ = advance_population(Population.of(state), table[8], slam.model, slam.work, start, slam.advance)
     assert (len(after) > 1) is (wide != "round the anchor")
 
 

@@ -16,7 +16,7 @@ from gridslam.inference.management.samples.second_look import (
     FEWEST,
     LAST,
     LOOSE_M,
-    advance,
+    advance_population,
     begun,
     is_due,
     looked_again,
@@ -122,15 +122,15 @@ def test_as_likely_hypotheses_stay_beside_each_other_until_they_are_one(model, s
     both = looked_again(apart, model, moving)
     assert len(both) == 2
     np.testing.assert_allclose(both.weights, 0.5)
-    _, _, amiss = advance(both, scan, model, moving)
+    _, _, amiss = advance_population(both, scan, model, moving)
     assert "places remain" in amiss
 
 
 def test_nothing_is_kept_once_it_is_too_late(model, scan):
     state = replace(many(model), step=LAST - 1)
-    population, _, _ = advance(with_past(state, model, [scan] * 3), scan, model, moving)
+    population, _, _ = advance_population(with_past(state, model, [scan] * 3), scan, model, moving)
     assert len(population.past.scans) == 4
-    population, _, _ = advance(population, scan, model, moving)
+    population, _, _ = advance_population(population, scan, model, moving)
     assert population.past.scans == ()
     assert not is_due(population)
 
@@ -138,7 +138,9 @@ def test_nothing_is_kept_once_it_is_too_late(model, scan):
 def test_a_look_is_taken_when_it_is_due(model, scan, monkeypatch):
     monkeypatch.setattr(second_look, "looked_again", lambda population, *_: replace(population, waited=7))
     for scans, waited in ((EVERY - 1, 7), (EVERY - 2, 0)):
-        population, _, _ = advance(with_past(many(model), model, [scan] * scans), scan, model, moving)
+        population, _, _ = advance_population(
+            with_past(many(model), model, [scan] * scans), scan, model, moving
+        )
         assert population.waited == waited
 
 

@@ -45,7 +45,7 @@ COUNTS, ALIKE_M = 0.01, 1.0
 and so are places of an agent."""
 
 
-def advance(
+def advance_population(
     population: Population[NetworkState], scan: NetworkScan, model: NetworkModel, works: Sequence[Workspace],
     step: Step,
 ) -> tuple[Population[NetworkState], Any]:  # fmt: skip

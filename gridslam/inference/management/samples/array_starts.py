@@ -40,7 +40,7 @@ def begun(state: State) -> Population[State]:
     return Population.of(state, searching=is_vague(state.belief, arrives=True))
 
 
-def advance(
+def advance_population(
     population: Population[State], scan: SignalScan, model: SignalModel, work: Workspace, start: Start,
     step: Step,
 ) -> tuple[Population[State], StepInfo]:  # fmt: skip

@@ -47,7 +47,7 @@ def begun(state: DirectState, band: Band) -> Population[DirectState]:
     return Population.of(state, searching=state.spread_m > band.resolution_m)
 
 
-def advance(
+def advance_population(
     population: Population[DirectState], scan: SignalScan, model: SignalModel, step: Step
 ) -> tuple[Population[DirectState], Any, str]:
     """One step of all hypotheses: these, what happened in the likeliest, and what is amiss with the start."""

@@ -50,13 +50,13 @@ def begun(state: DirectState, model: SignalModel) -> Population[DirectState]:
     return replace(population, past=Past(state))
 
 
-def advance(
+def advance_population(
     population: Population[DirectState], scan: SignalScan, model: SignalModel, step: Step
 ) -> tuple[Population[DirectState], Any, str]:
     """One step of all hypotheses: these, what happened in the likeliest, and what is amiss with them."""
     past = population.past
     if past is None:
-        return image_starts.advance(population, scan, model, step)
+        return image_starts.advance_population(population, scan, model, step)
     stepped = [_stepped(state, scan, model, step) for state in population.states]
     log = np.array(population.log_weight) + [evidence for _, _, evidence in stepped]
     info = stepped[int(np.argmax(log))][1]

@@ -59,13 +59,13 @@ def learn(state: HybridState, front: Front, model: SignalModel) -> tuple[HybridS
     # those for the time being make way for as good ones of more steps
     passing = len(state.joint.features) > old
     if not proposed or gain <= -CLEAR * passing:
-        return begun(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)
+        return with_new_segment(state, state.joint), Learned(proposed, 0, gain if proposed else 0.0)
     detected = was_detected(best.joint)
     detected[:old] = True
     if not passing and not detected[old:].any():  # nothing is left that could say where the agent is
-        return begun(state, state.joint), Learned(proposed, 0, gain)
+        return with_new_segment(state, state.joint), Learned(proposed, 0, gain)
     identity = int(best.joint.features.identity.max()) + 1
-    taught = begun(state, best.joint.keep(detected))
+    taught = with_new_segment(state, best.joint.keep(detected))
     return replace(taught, next_identity=identity), Learned(proposed, int(detected.sum()) - old, gain)
 
 
@@ -76,7 +76,7 @@ def was_detected(joint: JointBelief) -> NDArray[np.bool_]:
     return seen if joint.extent > 0 else seen | (bank.presence > SIGHTED)
 
 
-def begun(state: HybridState, joint: JointBelief) -> HybridState:
+def with_new_segment(state: HybridState, joint: JointBelief) -> HybridState:
     """The state with this belief, and an empty segment from here on."""
     empty = Segment.empty(*state.segment.samples.shape[1:])
     return replace(state, joint=joint, before=joint, segment=empty, before_s=state.time_s)

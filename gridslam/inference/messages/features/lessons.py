@@ -13,7 +13,7 @@ from dataclasses import replace
 from gridslam import runtime
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.following import START_STEPS, FeatureWork, leapt
-from gridslam.inference.messages.features.learning import Learned, begun, learn
+from gridslam.inference.messages.features.learning import Learned, learn, with_new_segment
 from gridslam.inference.messages.features.rivals import replay
 from gridslam.inference.messages.features.settling import settle
 from gridslam.inference.state.features.hybrid_state import HybridState
@@ -101,7 +101,7 @@ def begin_lesson(state: HybridState, model: SignalModel, *, work: HybridWork) ->
     if not first and (state.step % LEARN_EVERY or state.particles is not None):
         return state
     work.beside.begin(state, work.front, model)
-    return replace(state if first else begun(state, state.joint), lesson=state)
+    return replace(state if first else with_new_segment(state, state.joint), lesson=state)
 
 
 def due(state: HybridState) -> bool:

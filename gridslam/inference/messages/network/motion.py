@@ -47,7 +47,9 @@ def predict_all(
     records = tuple(
         record
         if scan is None
-        else replace(record, calibration=record.calibration.faded(), monitor=record.monitor.begun(len(scan)))
+        else replace(
+            record, calibration=record.calibration.faded(), monitor=record.monitor.next_step(len(scan))
+        )
         for record, scan in zip(state.records, scans, strict=True)
     )
     return replace(

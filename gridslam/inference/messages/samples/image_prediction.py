@@ -71,7 +71,7 @@ def predict_state(state: DirectState, time_s: float, audible: int, model: Filter
     audible : int
         How many anchors were heard at this step.
     """
-    state = replace(state, watch=state.watch.begun(audible))
+    state = replace(state, watch=state.watch.next_step(audible))
     if state.time_s is None:
         return replace(state, time_s=time_s)
     elapsed, settings = time_s - state.time_s, model.settings
