@@ -50,9 +50,11 @@ HEIGHT, GIVEN_HEIGHT, RISE = 3, 4, 5
 """Columns of anchors' places, after x, y and orientation: height above the agent as believed, and as told;
 which rise makes it another."""
 
+MISFIT, FREEDOM, GAIN, GAIN_PRECISION, CAUSED, LOUD_ONES, TURNED, TURNED_PRECISION, LEAST_PARTICLES = range(9)
 SUMS = 9
-"""What `fitting` sums up of an anchor: misfit, degrees of freedom; gain times its precision, and
-that; explained, loud; turn times its precision, and that; and the least effective number of particles."""
+"""What `fitting` sums up of an anchor, by column: misfit, degrees of freedom; gain times its precision, and
+that; loud measurements that some path caused, and all of them; turn times its precision, and that; and the
+least effective number of particles."""
 
 DECIDED = 30.0
 """Log odds from which on a wall isn't looked at any more, and beyond which those of a point don't go."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
+from gridslam.kernels import GAIN, GAIN_PRECISION, TURNED, TURNED_PRECISION
 from gridslam.world.filter_model import fixed
 from gridslam.world.radio import RadioModel
 
@@ -145,11 +146,11 @@ class Calibration:
 
     def fitted(self, fits: Array) -> Self:
         """Take in how the measurements of all anchors fitted, (J, 9); see `gridslam.kernels.SUMS`."""
-        pull, weight = fits[:, 2:4].sum(0).tolist()
+        pull, weight = fits[:, GAIN : GAIN_PRECISION + 1].sum(0).tolist()
         return replace(
             self,
-            turn=self.turn + fits[:, 6],
-            turn_weight=self.turn_weight + fits[:, 7],
+            turn=self.turn + fits[:, TURNED],
+            turn_weight=self.turn_weight + fits[:, TURNED_PRECISION],
             pull=self.pull + pull,
             weight=self.weight + weight,
         )

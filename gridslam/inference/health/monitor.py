@@ -13,7 +13,7 @@ from gridslam.estimates import Health
 from gridslam.inference.beliefs.calibration import KEEP, Calibration
 from gridslam.inference.health import reasons
 from gridslam.inference.health.fresh_look import FreshLook
-from gridslam.kernels import SUMS
+from gridslam.kernels import LOUD_ONES, SUMS
 from gridslam.world.filter_model import FilterModel
 
 SLOW = 0.03
@@ -122,7 +122,7 @@ class HealthMonitor:
 
     def fitted(self, fits: Array) -> Self:
         """Take in how the measurements of all anchors fitted, (J, 9); see `gridslam.kernels.SUMS`."""
-        misfit, freedom, _, _, explained, loud = fits[:, :6].sum(0).tolist()
+        misfit, freedom, _, _, explained, loud = fits[:, : LOUD_ONES + 1].sum(0).tolist()
         return replace(
             self,
             misfit=self.misfit + misfit,

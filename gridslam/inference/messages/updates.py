@@ -20,7 +20,7 @@ from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels import LIKELIER_THAN_NOT
+from gridslam.kernels import GAIN, GAIN_PRECISION, LEAST_PARTICLES, LIKELIER_THAN_NOT
 from gridslam.kernels.primitives import blocks, tables
 from gridslam.world.filter_model import FilterModel
 
@@ -76,7 +76,7 @@ class Exchange:
     @property
     def effective_sample_size(self) -> float:
         """Least effective number of particles behind a sure association; all if there is none."""
-        return float(min(*self.fit[:, 8].tolist(), self.particles))
+        return float(min(*self.fit[:, LEAST_PARTICLES].tolist(), self.particles))
 
     @cached_property
     def log_evidence(self) -> float:
@@ -244,8 +244,8 @@ def _with_images(fits: Array, senders: int, known: bool = True) -> Array:
         return fits
     each = fits.reshape(-1, senders, fits.shape[1])
     if not known:
-        each[1:, :, 2:4] = 0.0
-    return np.column_stack([each[..., :-1].sum(0), each[..., -1].min(0)])
+        each[1:, :, GAIN : GAIN_PRECISION + 1] = 0.0
+    return np.column_stack([each[..., :LEAST_PARTICLES].sum(0), each[..., LEAST_PARTICLES].min(0)])
 
 
 def _account(pairs: int, size: int) -> tuple[Array, Array]:

@@ -30,6 +30,7 @@ from gridslam.inference.scans.anchor_measurements import LOUD
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels import CAUSED, LOUD_ONES, SUMS
 from gridslam.world.geometry import wrap
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
@@ -88,7 +89,8 @@ def followed(watch: Doubt, state: State, info: StepInfo, model: SignalModel) -> 
     """
     covariance = with_turn(state, model).belief.covariance
     after = watch.followed(float(covariance[0, 0] + covariance[1, 1]), 1)
-    explained, loud = sum((exchange.fit[0, 4:6] for exchange in info.exchanges), np.zeros(2)).tolist()
+    fits = np.array([exchange.fit[0] for exchange in info.exchanges]).reshape(-1, SUMS)
+    explained, loud = fits[:, CAUSED].sum(), fits[:, LOUD_ONES].sum()
     if info.health.ok and (loud < FEWEST or explained >= 0.5 * loud):
         return after
     return replace(after, doubtful=max(after.doubtful, EVERY))

@@ -17,7 +17,17 @@ from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
-from gridslam.kernels import LEAST_SENDING
+from gridslam.kernels import (
+    CAUSED,
+    FREEDOM,
+    GAIN,
+    GAIN_PRECISION,
+    LEAST_PARTICLES,
+    LEAST_SENDING,
+    LOUD_ONES,
+    MISFIT,
+    SUMS,
+)
 from gridslam.kernels.primitives.blocks import Coefficients, Drawn
 from gridslam.world.radio import BINS, REFLECTION_BINS
 from gridslam.world.signal_model import SignalModel
@@ -92,22 +102,22 @@ def update_existence(
 
 def exchange_of(snapshot: Snapshot, likelihood: SnapshotLikelihood, model: SignalModel) -> SnapshotExchange:
     """How well a snapshot fitted, and what the line of sight says of the gain of amplitudes."""
-    mode, fit = likelihood.found.mode, np.zeros((1, 9))
+    mode, fit = likelihood.found.mode, np.zeros((1, SUMS))
     value, vector = np.linalg.eigh(mode.information)
     telling = value > TELLING
     moved = np.square(vector.T @ mode.shift)[telling] * (1 + 1 / value[telling])
-    fit[0, :2] = np.minimum(moved, WORST).sum(), telling.sum()
+    fit[0, [MISFIT, FREEDOM]] = np.minimum(moved, WORST).sum(), telling.sum()
     amplitude = np.sqrt(likelihood.matched) / likelihood.own
     loud = snapshot.radio.threshold**2 + np.log(1000.0)
     count = np.count_nonzero((likelihood.matched / likelihood.own > loud) & (snapshot.chance > 0.5))
-    fit[0, 4:6] = count, count + np.count_nonzero(likelihood.found.new.amplitude**2 > loud)
-    fit[0, 8] = np.inf
+    fit[0, [CAUSED, LOUD_ONES]] = count, count + np.count_nonzero(likelihood.found.new.amplitude**2 > loud)
+    fit[0, LEAST_PARTICLES] = np.inf
     if snapshot.rays.bounces[0] == 0 and snapshot.chance[0] > 0.5 and not snapshot.fades:
         level = model.radio.amplitude_at_1m / float(snapshot.length[0])
         variance = 0.5 / likelihood.own[0]
         measured = float(np.sqrt(max(amplitude[0] ** 2 - variance, 0.0)))
         if measured > 2 * snapshot.radio.threshold:
-            fit[0, 2:4] = level * measured / variance, level**2 / variance
+            fit[0, [GAIN, GAIN_PRECISION]] = level * measured / variance, level**2 / variance
     return SnapshotExchange(snapshot.anchor, fit, mode.paths.log_density)
 
 
