@@ -167,7 +167,7 @@ def element_notes(runs: Sequence[Run]) -> list[str]:
     """Whose antenna elements aren't as the recording says, by how much, and what that costs."""
     return [
         f"{run.agent}: antenna elements are off by {size:.0%} of what the recording says (root mean square): "
-        "taken out as estimated, but for what looks like a direction: angles stay off. Calibrate the arrays"
+        "taken out but for what looks like a direction, so that angles count for less. Calibrate the arrays"
         for run in runs
         if run.estimates and (size := run.estimates[-1].health.elements)
     ]

@@ -74,12 +74,12 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         state = weigh_angles(state, paths, heard)  # (M517)
         state = weigh_forms(state, heard, model)  # (M559)
         state = learn_noise(state, anchor, likelihood)
-        state = learn_elements(state, snapshot, likelihood, model)  # (M565)
         state, new = add_new_surfaces(state, snapshot, likelihood, model, work=work)  # (M154), (M516)
         state = gather_evidence(state, snapshot, likelihood, model, work=work)  # (M157)
         exchanges[anchor] = exchange_of(snapshot, likelihood, model)
         listened.append((snapshot, likelihood))
         left.append(new)
+    state = learn_elements(state, listened, model)  # (M565)
     state = measure_heading(state, scan, model)  # (M519)
     state = add_faint_surfaces(state, listened, model, work=work)  # (M158)
     if listened:

@@ -8,7 +8,7 @@ import pytest
 
 import gridslam as gs
 from gridslam.checks import range_note
-from gridslam.cli.doubts import absurd_notes, fit_notes, start_notes
+from gridslam.cli.doubts import absurd_notes, element_notes, fit_notes, start_notes
 from gridslam.estimates import Health
 from gridslam.inference.health import reasons
 from gridslam.world.start import Start
@@ -52,3 +52,14 @@ def test_deviations_in_degrees_are_told_of_any_run():
     assert absurd_notes([run], [replace(measurements, aoa_std_rad=right)]) == []
     (note,) = absurd_notes([run], [replace(measurements, aoa_std_rad=np.degrees(right))])
     assert note.startswith("agent1: suspect: aoa_std_rad: degrees, where radians belong")
+
+
+def test_elements_that_are_off_are_told_as_the_last_estimate_has_them():
+    scan = gs.simulate(ROOM, "agent1", seed=12).scan(0)
+    right = gs.Estimate.of_pose(scan, np.zeros(2), 0.0, 1e-4 * np.eye(5))
+    off = replace(right, health=Health(True, "", elements=0.174))
+    runs = [SimpleNamespace(agent=name, estimates=estimates) for name, estimates in (
+        ("found", [right, off]), ("right", [off, right]), ("none", []),
+    )]  # fmt: skip
+    (note,) = element_notes(runs)
+    assert note.startswith("found: antenna elements are off by 17% of what the recording says")

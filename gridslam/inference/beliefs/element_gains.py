@@ -12,16 +12,16 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array, replace, squared
+from gridslam.arrays import Array, squared
 from gridslam.world.waveform import Waveform
 
 Complex = NDArray[np.complex128]
 KEEP = 0.99
 """Factor by which sums are multiplied per step: forgetting."""
-PRIOR_STD = 0.2
-"""Of an element's factor about 1, before any sample."""
-ROUNDS = 6
-"""In which factors of anchors and agent are found in turn."""
+KNOWN = 0.2**-2
+"""Inverse variance of an element's factor about 1, before any sample."""
+ROUNDS = 2
+"""In which factors of agent and anchors are found in turn: of sums over many steps one would nearly do."""
 SURPRISE, LEAST = 6.0, 0.03
 """Deviations beyond which factors of 1 are ruled out, and root mean square error that matters."""
 FAINTEST = 0.5
@@ -30,82 +30,50 @@ MOST_MATCHED = 1e6
 """Ratio to which sums can't come: samples of a signal that is so much louder than believed."""
 
 
-class Factors(NamedTuple):
-    """Factors of all elements, and the variances of what the sums say of them.
-
-    Attributes
-    ----------
-    anchor, anchor_variance : (J, A)
-    agent, agent_variance : (B,)
-    """
-
-    anchor: Complex
-    anchor_variance: Array
-    agent: Complex
-    agent_variance: Array
-
-
 @dataclass(frozen=True, eq=False)
 class ElementGains:
     """What samples have said of the elements' factors.
 
     Attributes
     ----------
-    anchor : (J, A, 2)
-        Where elements are, rad: 2 pi over the wavelength times m.
-    agent : (B, 2)
     matched : (J, A, B) complex128
         Sums of the samples times the conjugate of what paths are believed to make of them, over the noise.
     power : (J, A, B)
         Sums of the squares of the latter, over the noise.
+    anchor, agent : (J, A), (B,) complex128
+        The factors that fit these sums best.
     """
 
-    anchor: Array
-    agent: Array
     matched: Complex
     power: Array
+    anchor: Complex
+    agent: Complex
 
     @classmethod
     def none(cls, waveform: Waveform) -> Self:
         """Before the first snapshot."""
-        scale = 2 * np.pi / waveform.wavelength_m
-        anchor, agent = scale * waveform.anchor_element_m, scale * waveform.agent_element_m
-        shape = (*anchor.shape[:2], len(agent))
-        return cls(anchor, agent, np.zeros(shape, np.complex128), np.zeros(shape))
+        anchors, elements, carried = waveform.shape[:3]
+        shape = (anchors, elements, carried)
+        ones = np.ones((anchors, elements), np.complex128), np.ones(carried, np.complex128)
+        return cls(np.zeros(shape, np.complex128), np.zeros(shape), *ones)
 
-    def taken_in(self, anchor: int, matched: Complex, power: Array) -> Self:
-        """With the sums (A, B) of one anchor's snapshot."""
-        matched_before, power_before = self.matched.copy(), self.power.copy()
-        matched_before[anchor] = KEEP * matched_before[anchor] + matched
-        power_before[anchor] = KEEP * power_before[anchor] + power
-        return replace(self, matched=matched_before, power=power_before)
+    def taken_in(self, matched: Complex, power: Array, waveform: Waveform) -> Self:
+        """With the sums (J, A, B) of a step; zeros of anchors whose samples said nothing."""
+        keep = np.where(power.any((1, 2)), KEEP, 1.0)[:, None, None]
+        matched, power = keep * self.matched + matched, keep * self.power + power
+        return type(self)(matched, power, *_fitted(matched, power, waveform))
 
-    @cached_property
-    def factors(self) -> Factors:
-        """The factors that fit the sums best, (M565).
-
-        Less what all of an array have in common, the path's own amplitude, and slopes of their phases over
-        the array, which are directions: a wrong place, turn or spacing would pass for factors.
-        """
-        anchors, elements, carried = self.power.shape
-        anchor, agent = np.ones((anchors, elements), np.complex128), np.ones(carried, np.complex128)
-        known = PRIOR_STD**-2
-        for _ in range(ROUNDS):
-            weight = known + np.einsum("jab,ja->b", self.power, squared(anchor))
-            agent = (known + np.einsum("jab,ja->b", self.matched, anchor.conj())) / weight
-            agent /= agent.mean()
-            weights = known + np.einsum("jab,b->ja", self.power, squared(agent))
-            anchor = (known + np.einsum("jab,b->ja", self.matched, agent.conj())) / weights
-            anchor /= anchor.mean(1, keepdims=True)
-        anchor = np.stack([level(*pair) for pair in zip(anchor, self.anchor, strict=True)])
-        return Factors(anchor, 1 / weights, level(agent, self.agent), 1 / weight)
+    @property
+    def variances(self) -> tuple[Array, Array]:
+        """Of the factors of anchors (J, A) and agent (B,)."""
+        anchor, agent = _weights(self.power, self.anchor, self.agent)
+        return 1 / anchor, 1 / agent
 
     @cached_property
     def size(self) -> float:
         """Root mean square of the elements' errors, in ratio to 1; 0 unless beyond doubt, and of matter."""
-        factors, arrays = self.factors, self.power.shape[1:]
-        parts = [(factors.anchor, factors.anchor_variance)] if arrays[0] > 1 else []
-        parts += [(factors.agent, factors.agent_variance)] if arrays[1] > 1 else []
+        arrays = zip((self.anchor, self.agent), self.variances, strict=True)
+        parts = [part for part in arrays if part[0].shape[-1] > 1]
         if not parts:
             return 0.0
         error = np.concatenate([squared(factor - 1).ravel() for factor, _ in parts])
@@ -115,28 +83,59 @@ class ElementGains:
         beyond = ratio > count + SURPRISE * np.sqrt(count) and excess > LEAST**2
         return float(np.sqrt(excess)) if beyond else 0.0
 
-    @cached_property
-    def phase_variance(self) -> float:
+    def phase_variance(self, waveform: Waveform) -> float:
         """Of the phases of elements, rad^2, over all arrays: each one's plane doesn't show."""
-        arrays = [*zip(self.factors.anchor, self.anchor, strict=True), (self.factors.agent, self.agent)]
-        squares = sum(float(np.square(np.angle(factor)).sum()) for factor, _ in arrays)
-        left = sum(len(element) - np.linalg.matrix_rank(plane_of(element)) for _, element in arrays)
+        places = [*waveform.anchor_element_m, waveform.agent_element_m]
+        squares = sum(float(np.square(np.angle(factor)).sum()) for factor in (self.anchor, self.agent))
+        left = sum(len(place) - np.linalg.matrix_rank(plane_of(place)) for place in places)
         return squares / max(int(left), 1)
 
     def of(self, anchor: int) -> Complex | None:
         """By what the samples of an anchor's pairs of elements (A, B) are to be divided; None: by nothing."""
         if not self.size:
             return None
-        own, carried = (_audible(factor) for factor in (self.factors.anchor[anchor], self.factors.agent))
+        own, carried = _audible(self.anchor[anchor]), _audible(self.agent)
         return np.asarray(own[:, None] * carried)
 
     def is_sound(self, waveform: Waveform) -> bool:
-        """Whether the sums can be those of a waveform's elements."""
-        none = self.none(waveform)
-        alike = np.array_equal(self.anchor, none.anchor) and np.array_equal(self.agent, none.agent)
-        return bool(
-            alike and (self.power >= 0).all() and (abs(self.matched) <= MOST_MATCHED * (self.power + 1)).all()
-        )
+        """Whether the sums can be those of samples, and the factors theirs."""
+        if (self.power < 0).any() or (abs(self.matched) > MOST_MATCHED * (self.power + 1)).any():
+            return False
+        fitted = _fitted(self.matched, self.power, waveform)
+        return np.allclose(self.anchor, fitted.anchor) and np.allclose(self.agent, fitted.agent)
+
+
+class _Factors(NamedTuple):
+    """Of anchors (J, A) and agent (B,)."""
+
+    anchor: Complex
+    agent: Complex
+
+
+def _fitted(matched: Complex, power: Array, waveform: Waveform) -> _Factors:
+    """The factors that fit sums (J, A, B) best, (M565).
+
+    Less what all of an array have in common, the path's own amplitude, and slopes of their phases over the
+    array, which are directions: a wrong place, turn or spacing would pass for factors.
+    """
+    anchor, agent = np.ones(power.shape[:2], np.complex128), np.ones(power.shape[2], np.complex128)
+    for _ in range(ROUNDS):
+        told = np.einsum("jab,ja->b", matched, anchor.conj())
+        agent = (KNOWN + told) / _weights(power, anchor, agent)[1]
+        agent /= agent.mean()
+        told = np.einsum("jab,b->ja", matched, agent.conj())
+        anchor = (KNOWN + told) / _weights(power, anchor, agent)[0]
+        anchor /= anchor.mean(1, keepdims=True)
+    own = zip(anchor, waveform.anchor_element_m, strict=True)
+    return _Factors(np.stack([level(*pair) for pair in own]), level(agent, waveform.agent_element_m))
+
+
+def _weights(power: Array, anchor: Complex, agent: Complex) -> tuple[Array, Array]:
+    """Inverse variances of factors (J, A) and (B,), each as if the other's were known."""
+    return (
+        KNOWN + np.einsum("jab,b->ja", power, squared(agent)),
+        KNOWN + np.einsum("jab,ja->b", power, squared(anchor)),
+    )
 
 
 def _audible(factor: Complex) -> Complex:

@@ -14,7 +14,7 @@ from gridslam.inference.management.poses.pose_search import Modes
 from gridslam.inference.management.samples.array_challenge import _moved
 from gridslam.inference.management.samples.open_turn import hidden_turn, turn_held
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
-from gridslam.inference.messages.samples.array_paths import without_factors
+from gridslam.inference.messages.samples.array_paths import hidden_turns, without_factors
 from gridslam.inference.messages.samples.element_factors import learn_elements
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
@@ -55,8 +55,8 @@ def spoiled(recording, anchor, agent):
     return replace(recording, samples=recording.samples * pairs[None, ..., None])
 
 
-def gains_of(matched, power):
-    return replace(ElementGains.none(WAVEFORM), matched=matched, power=power)
+def gains_of(matched, power, waveform=WAVEFORM):
+    return ElementGains.none(waveform).taken_in(matched + 0j, power, waveform)
 
 
 def sums(factor, snr, seed=None):
@@ -81,18 +81,18 @@ def test_a_plane_of_phases_is_a_direction_and_what_bends_it_a_factor():
 @pytest.mark.parametrize("seed", range(4))
 def test_factors_are_those_of_the_sums_but_for_mean_and_plane(seed):
     anchor, agent = drawn_factors(seed)
-    found = sums(anchor[:, :, None] * agent, 1e5).factors
+    found = sums(anchor[:, :, None] * agent, 1e5)
     for j in range(ANCHORS):
-        wanted = level(anchor[j] / anchor[j].mean(), 2 * np.pi * WAVEFORM.anchor_element_m[j])
+        wanted = level(anchor[j] / anchor[j].mean(), WAVEFORM.anchor_element_m[j])
         np.testing.assert_allclose(found.anchor[j], wanted, atol=0.01)
     np.testing.assert_allclose(found.agent, level(agent / agent.mean(), WAVEFORM.agent_element_m), atol=0.01)
 
 
 def test_variances_are_those_of_what_was_received():
     """By hand: nine elements at the other end, prior of 0.2: 1 / (25 + 9 x 100)."""
-    found = sums(np.ones((ANCHORS, ELEMENTS, CARRIED)), 100.0).factors
-    np.testing.assert_allclose(found.anchor_variance, 1 / (25 + CARRIED * 100))
-    np.testing.assert_allclose(found.agent_variance, 1 / (25 + ANCHORS * ELEMENTS * 100))
+    anchor, agent = sums(np.ones((ANCHORS, ELEMENTS, CARRIED)), 100.0).variances
+    np.testing.assert_allclose(anchor, 1 / (25 + CARRIED * 100))
+    np.testing.assert_allclose(agent, 1 / (25 + ANCHORS * ELEMENTS * 100))
 
 
 @pytest.mark.parametrize("snr", [0.1, 1.0, 30.0, 3000.0])
@@ -102,11 +102,23 @@ def test_right_elements_are_never_suspected_whatever_the_noise(snr):
     assert sums(1.0, snr, 0).of(0) is None
 
 
+def test_wrong_ones_are_believed_from_six_deviations_of_their_number_on():
+    """By hand: n = 27 factors; sum of squares over variances within 27 + 6 sqrt(27) = 58.2 is noise."""
+    anchor, agent = drawn_factors(7)
+    pairs = 1 + 0.5 * (anchor[:, :, None] * agent - 1)
+    for snr in (1.0, 3.0, 10.0, 30.0, 100.0):
+        gains = sums(pairs, snr)
+        one, other = gains.variances
+        ratio = (abs(gains.anchor - 1) ** 2 / one).sum() + (abs(gains.agent - 1) ** 2 / other).sum()
+        assert (gains.size > 0) == (ratio > 58.2), (snr, ratio)
+    assert sums(pairs, 1.0).size == 0 < sums(pairs, 100.0).size
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_wrong_ones_are_found_as_large_as_they_are(seed):
     anchor, agent = drawn_factors(seed)
     gains = sums(anchor[:, :, None] * agent, 300.0, seed)
-    error = np.concatenate([abs(f - 1).ravel() for f in (gains.factors.anchor, gains.factors.agent)])
+    error = np.concatenate([abs(f - 1).ravel() for f in (gains.anchor, gains.agent)])
     assert gains.size == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.1)
     assert 0.08 < gains.size < 0.3
     assert not sums(1 + 0.5 * LEAST * (anchor[:, :, None] * agent - 1), 1e6, seed).size  # of no matter
@@ -114,12 +126,17 @@ def test_wrong_ones_are_found_as_large_as_they_are(seed):
 
 def test_sums_forget_and_are_of_their_own_anchor():
     gains = ElementGains.none(WAVEFORM)
-    one, two = np.full((ELEMENTS, CARRIED), 2.0), np.full((ELEMENTS, CARRIED), 3.0)
-    after = gains.taken_in(1, one * 1j, one).taken_in(1, two * 1j, two)
+    one, two = np.zeros((2, ANCHORS, ELEMENTS, CARRIED))
+    one[1], two[1] = 2.0, 3.0
+    after = gains.taken_in(1j * one, one, WAVEFORM).taken_in(1j * two, two, WAVEFORM)
     np.testing.assert_allclose(after.power[1], 3 + KEEP * 2)
     np.testing.assert_allclose(after.matched[1], 1j * (3 + KEEP * 2))
     assert not after.power[0].any()
+    np.testing.assert_array_equal(after.anchor[0], 1)
     assert not gains.power.any()
+    other = np.zeros_like(one)
+    other[0] = 1.0
+    np.testing.assert_array_equal(after.taken_in(other + 0j, other, WAVEFORM).power[1], after.power[1])
 
 
 def test_a_snapshot_tells_factors_by_the_paths_that_are_believed_in():
@@ -135,17 +152,17 @@ def test_a_snapshot_tells_factors_by_the_paths_that_are_believed_in():
     factor = np.array([[2.0], [1.0]], complex)  # taken out before: what was received is twice as much
     samples = np.array([[[2.0]], [[4j]]], complex)
     snapshot = SimpleNamespace(band=band, samples=samples, factor=factor, noise=2.0, anchor=1)
-    none = ElementGains(
-        np.zeros((2, 2, 2)), np.zeros((1, 2)), np.zeros((2, 2, 1), complex), np.zeros((2, 2, 1))
-    )
-    model = SignalModel.of(SCENE.filter_model("agent1"), WAVEFORM)
-    state = replace(State.start(model), elements=none)
-    after = learn_elements(state, snapshot, likelihood, model).elements
+    places = 0.02 * np.array([[[0.0, 1.0], [0.0, -1.0]]] * 2)
+    waveform = replace(WAVEFORM, anchor_element_m=places, agent_element_m=np.zeros((1, 2)))
+    model = SignalModel.of(SCENE.filter_model("agent1"), waveform)
+    state = State.start(model)
+    after = learn_elements(state, [(snapshot, likelihood)], model).elements
     np.testing.assert_allclose(after.matched[1, :, 0], [8.0, 8j])
     np.testing.assert_allclose(after.power[1, :, 0], 8.0)
     assert not after.power[0].any()
     nothing = SimpleNamespace(found=likelihood.found, followed=np.zeros(0, int))
-    assert learn_elements(state, snapshot, nothing, model) is state
+    assert learn_elements(state, [(snapshot, nothing)], model) is state
+    assert learn_elements(state, [], model) is state
 
 
 def test_no_element_is_made_much_louder_than_it_is():
@@ -165,7 +182,7 @@ def test_sums_that_cannot_be_are_none_of_this_waveform():
     assert gains.is_sound(WAVEFORM)
     assert not sheet_of_elements(gains, power=-gains.power)
     assert not sheet_of_elements(gains, matched=1e200 * gains.matched)
-    assert not sheet_of_elements(gains, anchor=3 * gains.anchor)
+    assert not sheet_of_elements(gains, anchor=1.1 * gains.anchor)
     assert not sheet_of_elements(gains, agent=0 * gains.agent)
 
 
@@ -194,7 +211,7 @@ def test_samples_are_divided_by_each_pairs_factor():
     samples = np.ones((ELEMENTS, CARRIED, 5), complex)
     found, factor = without_factors(state, samples, 1)
     np.testing.assert_allclose(found * factor[..., None], samples)
-    np.testing.assert_allclose(factor, gains.factors.anchor[1][:, None] * gains.factors.agent)
+    np.testing.assert_allclose(factor, gains.anchor[1][:, None] * gains.agent)
     same, none = without_factors(State.start(model), samples, 1)
     assert same is samples
     assert none is None
@@ -209,19 +226,31 @@ def test_the_turn_that_elements_hide_by_hand():
     work = Workspace(model, 0)
     checks = 0.1 * np.array([1, -1, 1, -1, 1, -1, 1, -1, 1.0])
     power = np.full((1, 9, 9), 1e6)
-    gains = replace(
-        ElementGains.none(waveform), power=power, matched=power * np.exp(1j * checks)[None, :, None]
-    )
-    variance = gains.phase_variance
+    gains = gains_of(power * np.exp(1j * checks)[None, :, None], power, waveform)
+    variance = gains.phase_variance(waveform)
     assert variance == pytest.approx(0.09 / 12, rel=0.02)  # the agent's nine elements are right
     state = replace(State.start(model), elements=gains)
     # the mean over all directions of the deviation across, not the root of its mean square: within 1 %
     assert hidden_turn(state, model, work) == pytest.approx(variance / 37.9, rel=0.02)
     assert hidden_turn(State.start(model), model, work) == 0
+    band = ArrayBand.of(waveform, 0)
+    np.testing.assert_allclose(hidden_turns(state, band, model) ** 2, variance / 37.9, rtol=0.02)
+    lone = replace(band, anchor=np.zeros((1, 2)))  # tells no departures
+    np.testing.assert_allclose(hidden_turns(state, lone, model), [0, np.sqrt(variance / 37.9)], rtol=0.02)
 
     recording = gs.simulate(scene, "agent1", seed=1, what="signal")
+    hidden = hidden_turn(state, model, work)
     held = turn_held(Population.of(state), recording.scan(0), model, work).best
-    assert held.turn_variance >= hidden_turn(state, model, work)
+    assert held.turn_variance > hidden  # all of what is told of the start
+    sure = replace(state, turn_variance=1e-6)  # from before the elements were found to be off
+    assert turn_held(Population.of(sure), recording.scan(0), model, work).best.turn_variance == hidden
+    again = turn_held(Population.of(held), recording.scan(1), model, work).best
+    assert again is not held
+    assert again.turn_variance == held.turn_variance
+    np.testing.assert_array_equal(again.belief.covariance, held.belief.covariance)
+    back = turn_held(Population.of(replace(held, elements=None)), recording.scan(1), model, work).best
+    assert back.turn_variance is None
+    np.testing.assert_allclose(back.belief.covariance, state.belief.covariance, atol=1e-6)
     told = replace(recording, heading_rad=recording.truth.heading_rad).scan(0)
     assert turn_held(Population.of(state), told, model, work).best.turn_variance is None
     right = Population.of(State.start(model))
@@ -263,13 +292,31 @@ def test_right_elements_change_nothing():
     assert all(one.health.ok for one in estimates)
 
 
+def three_anchors(turned_deg=0.0):
+    """Three anchors, the first of them turned."""
+    data = scene_of(steps=31).model_dump(exclude_none=True)
+    data["anchors"] = [*data["anchors"], data["anchors"][0] | {"name": "C", "position_m": (2.6, 2.2)}]
+    data["anchors"][0] = data["anchors"][0] | {
+        "orientation_deg": data["anchors"][0].get("orientation_deg", 0.0) + turned_deg
+    }
+    data["radio"]["snr_at_1m_db"] = 36.0
+    return gs.Scene.checked(data, "chamber")
+
+
+@pytest.mark.slow
+def test_an_anchor_that_is_turned_is_found_by_its_line_of_sight():
+    recording = gs.simulate(three_anchors(10.0), "agent1", seed=4, what="signal")
+    slam, estimates, error, _ = ran(three_anchors(), recording)
+    turned = np.degrees(slam.state.calibration.turned)
+    np.testing.assert_allclose(turned, [10, 0, 0], atol=1.0)
+    assert "anchor A seems turned by" in estimates[-1].health.why
+    assert error < 0.05
+
+
 @pytest.mark.slow
 def test_distances_of_one_anchor_that_are_too_long_are_named():
     """3.3 ns, 0.99 m, in what the first of three anchors' samples say."""
-    data = scene_of(steps=31).model_dump(exclude_none=True)
-    data["anchors"] = (*data["anchors"], data["anchors"][0] | {"name": "C", "position_m": (2.6, 2.2)})
-    data["radio"]["snr_at_1m_db"] = 36.0
-    scene = gs.Scene.checked(data, "chamber")
+    scene = three_anchors()
     recording = gs.simulate(scene, "agent1", seed=4, what="signal")
     samples = recording.samples.copy()
     samples[:, 0] = samples[:, 0] * np.exp(-2j * np.pi * recording.waveform.offset_hz * 3.3e-9)

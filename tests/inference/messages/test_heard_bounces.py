@@ -105,7 +105,7 @@ def test_nor_do_those_that_another_path_is_beside_which_matters():
 def test_rows_are_those_of_the_snapshot_where_not_all_paths_are_followed():
     mode = mode_at(MEAN)
     shorter = replace(
-        mode, path=mode.path[1:], paths=replace(
+        mode, path=mode.path[1:], turned=mode.turned[1:], paths=replace(
             mode.paths, gradient=mode.paths.gradient[1:], information=mode.paths.information[3:, 3:]
         ),
     )  # fmt: skip

@@ -1,5 +1,7 @@
 """The joint mode of agent and surfaces: its gradient, its information, and cases with a closed answer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from array_snapshots import band_of, snapshot
@@ -120,3 +122,91 @@ def test_ratios_of_amplitudes_are_fair():
     power = np.abs(1.5 + noise[:400]) ** 2
     total = log_amplitudes(power, np.ones(400), grid, False).sum(0)
     assert grid[0, total.argmax()] == pytest.approx(1.5, abs=0.12)
+
+
+def sloped(band, samples, anchor=(0.0, 0.0), agent=(0.0, 0.0)):
+    """Samples of arrays over whose elements phases slope: rad for each rad of a place."""
+    leaving, arriving = np.exp(1j * band.anchor @ anchor), np.exp(1j * band.agent @ agent)
+    return samples * leaving[:, None, None] * arriving[None, :, None]
+
+
+def test_a_slope_of_phases_turns_paths_as_a_direction_does():
+    """By hand: u . q with u = (cos, sin) of an angle; a slope s adds s . q, as a turn by s . (-sin, cos).
+
+    But for |s|^2, by which no direction is meant.
+    """
+    path, slope, loud = np.array([[5.0, 0.7, -1.2]]), np.array([0.01, 0.02]), np.array([1e6])
+    one = snapshot(BAND, path, [100.0], 1.0)
+    by = slope @ [-np.sin(0.7), np.cos(0.7)]
+    free = PathsPrior(Belief(MEAN, np.eye(9)), PLACE, TABLE[:0], loud, path)
+    there = state_mode(BAND, one, free, 1.0).path[0]
+    found = state_mode(BAND, sloped(BAND, one, slope), free, 1.0).path[0]
+    np.testing.assert_allclose(abs(found - there), [0, abs(by), 0], atol=5e-4)
+    by = slope @ [-np.sin(-1.2), np.cos(-1.2)]
+    found = state_mode(BAND, sloped(BAND, one, agent=slope), free, 1.0).path[0]
+    np.testing.assert_allclose(abs(found - there), [0, 0, abs(by)], atol=5e-4)
+
+
+def test_what_arrays_may_turn_is_no_news_of_the_state():
+    """The mode's gradient by state and slopes vanishes; the covariance is the state's of both together."""
+    std = np.array([0.03, 0.02])
+    samples = snapshot(BAND, paths_at(MEAN + 0.5 * DEVIATION, PLACE, TABLE, 5)[0], [30, 20j, -15, 8], 1.0)
+    samples = sloped(BAND, samples, (0.02, -0.03), (0.01, 0.02))
+    prior = replace(prior_of([900.0, 400.0, 225.0, 64.0]), turn_std=std)
+    mode = state_mode(BAND, samples, prior, 1.0)
+    path, slope = paths_at(mode.belief.mean, PLACE, TABLE, 5)
+    np.testing.assert_allclose(path + mode.turned, mode.path, atol=1e-9)
+    by_slope = np.zeros((4, 3, 4))
+    for array in (0, 1):
+        angle = path[:, 1 + array]
+        by_slope[:, 1 + array, 2 * array : 2 * array + 2] = np.stack([-np.sin(angle), np.cos(angle)], -1)
+    both = np.concatenate([slope, by_slope], -1).reshape(12, 13)
+    known = np.concatenate([DEVIATION**-2, np.repeat(std**-2.0, 2)])
+    wanted = np.linalg.inv(np.diag(known) + both.T @ mode.paths.information @ both)
+    np.testing.assert_allclose(mode.belief.covariance, wanted[:9, :9], rtol=1e-6, atol=1e-12)
+    slopes = np.linalg.lstsq(by_slope.reshape(12, 4), mode.turned.reshape(-1), rcond=None)[0]
+    pull = both.T @ mode.paths.gradient.reshape(-1)
+    pull -= known * np.concatenate([mode.belief.mean - MEAN, slopes])
+    assert pull @ wanted @ pull < 0.02**2 * 4
+    without = state_mode(BAND, samples, prior_of([900.0, 400.0, 225.0, 64.0]), 1.0)
+    wider = np.diag(mode.belief.covariance) / np.diag(without.belief.covariance)
+    assert (np.delete(wider, [2, 3]) > 1.3).all()  # but for the velocity
+
+
+def test_an_agent_is_where_it_is_though_arrays_turn_all_that_is_heard():
+    """Slopes of 1.5 degrees, distances exact: squared error over variance of the state, of 16 draws."""
+    squares = {None: [], 0.025: []}
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        truth = MEAN + DEVIATION * rng.normal(size=9)
+        one = snapshot(BAND, paths_at(truth, PLACE, TABLE, 5)[0], [90, 80j, -70, 60], 1.0, seed)
+        samples = sloped(BAND, one, rng.normal(0, 0.025, 2), rng.normal(0, 0.025, 2))
+        for std, found in squares.items():
+            prior = replace(prior_of([8000.0] * 4), turn_std=None if std is None else np.full(2, std))
+            mode = state_mode(BAND, samples, prior, 1.0)
+            off = mode.belief.mean - truth
+            found.append(off @ np.linalg.solve(mode.belief.covariance, off))
+    assert 6.0 < np.mean(squares[0.025]) < 12.5  # 9 is perfect, of deviation 1.1
+    assert np.mean(squares[None]) > 40
+
+
+def test_a_new_path_is_where_it_would_be_heard_by_right_arrays():
+    """A known path of a known state tells the slopes; the new one beside it is turned back by them."""
+    slope, deviation = (0.02, -0.02), 1e-6 * DEVIATION
+    known, new = paths_at(MEAN, PLACE, TABLE[:1], 5)[0], np.array([[6.0, 1.9, 2.0]])
+    new[0, 1:] += 1e-3  # not quite where the search for it begins
+    received = snapshot(BAND, np.concatenate([known, new]), [3000.0, 1000j], 1.0)
+    weight = np.array([9e6, 1e6])
+    prior = PathsPrior(
+        Belief(MEAN, np.diag(deviation**2)), PLACE, TABLE[:1], weight, new + np.array([0.01, 0.01, -0.01]),
+        np.array([0.03, 0.03]),
+    )  # fmt: skip
+    mode = state_mode(BAND, sloped(BAND, received, slope, slope), prior, 1.0)
+    off = (mode.path - mode.turned)[1] - new[0]
+    std = np.sqrt(np.diag(mode.free_spread[0]))
+    assert (np.abs(off) < 4 * std).all()
+    assert std[1] > 0.01  # one direction tells one of two slopes
+    right = state_mode(BAND, received, replace(prior, turn_std=None), 1.0)
+    assert not right.turned.any()
+    np.testing.assert_array_equal(right.free_spread, right.spread[1:])
+    assert np.sqrt(right.free_spread[0, 1, 1]) < 1e-3

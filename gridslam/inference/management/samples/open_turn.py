@@ -7,6 +7,7 @@ from dataclasses import replace as changed
 from gridslam.arrays import replace
 from gridslam.inference.management.free_turn import turn_followed, without_turn
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
+from gridslam.inference.messages.samples.array_paths import hidden_turns
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -35,8 +36,5 @@ def turn_held(
 
 def hidden_turn(state: State, model: SignalModel, work: Workspace) -> float:
     """Variance (rad^2) of the turn that errors of the only anchor's elements pass for, (M566)."""
-    if state.elements is None or not state.elements.size:
-        return 0.0
     band: ArrayBand = work.buffers(ArrayBand.of, 0, model.waveform, 0)
-    steepness = float(band.steepness[1])
-    return state.elements.phase_variance / (len(band.anchor) * steepness**2) if steepness else 0.0
+    return float(hidden_turns(state, band, model)[0]) ** 2

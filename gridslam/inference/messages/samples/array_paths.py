@@ -51,6 +51,8 @@ class Snapshot:
         With the elements' factors, as far as they are known, taken out.
     factor : (A, B) or None
         These; None: none are known.
+    turn_std : (2,) or None
+        By how much departures and arrivals may be turned by what of the factors isn't told, rad.
     noise : float
         Power of the noise in each sample.
     fades : bool
@@ -70,6 +72,7 @@ class Snapshot:
     band: ArrayBand
     samples: Complex
     factor: Complex | None
+    turn_std: Array | None
     noise: float
     fades: bool
     rays: Rays
@@ -150,6 +153,15 @@ def without_factors(state: State, samples: Complex, anchor: int) -> tuple[Comple
     return (samples, None) if factor is None else (samples / factor[..., None], factor)
 
 
+def hidden_turns(state: State, band: ArrayBand, model: SignalModel) -> Array:
+    """Deviations (2,) of turns of departures and arrivals that elements' errors pass for, rad; (M566)."""
+    if state.elements is None or not state.elements.size:
+        return np.zeros(2)
+    std = np.sqrt(state.elements.phase_variance(model.waveform))
+    spread = np.sqrt([len(band.anchor), len(band.agent)]) * band.steepness[1:]
+    return np.where(spread > 0, std / np.maximum(spread, 1e-12), 0.0)
+
+
 def take_snapshot(
     state: State, anchor: int, scan: SignalScan, paths: PredictedPaths, visible: Visibility,
     amplitudes: Reflected, model: SignalModel, *, work: Workspace,
@@ -172,8 +184,9 @@ def take_snapshot(
     length = np.maximum(paths.prediction.length, 1e-3)
     rays = Rays(paths.rays.table.copy(), paths.rays.existence.copy(), paths.rays.surfaces.copy())
     samples, factor = without_factors(state, scan.samples[anchor], anchor)
+    turn_std = None if factor is None else hidden_turns(state, band, model)
     return Snapshot(
-        anchor, band, samples, factor, float(state.noise[anchor]), model.fades, rays,
+        anchor, band, samples, factor, turn_std, float(state.noise[anchor]), model.fades, rays,
         visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
         amplitudes.probability.copy(), amplitudes.radio,
     )  # fmt: skip
@@ -233,7 +246,7 @@ def _weighed(
     if unsure.any():
         unsure[unsure] = is_wide(snapshot.band, state.belief, place, table[unsure])  # (M521)
         weight = np.where(unsure, FAINT * snapshot.noise, weight)
-    prior = PathsPrior(state.belief, place, table, weight, np.zeros((0, 3)))
+    prior = PathsPrior(state.belief, place, table, weight, np.zeros((0, 3)), snapshot.turn_std)
     found = find_paths(snapshot.band, snapshot.samples, prior, snapshot.noise, power[followed])
     mode = found.mode
     matched, own, log_mean = np.zeros(len(chance)), np.zeros(len(chance)), np.zeros(len(chance))

@@ -167,7 +167,7 @@ def _new(prior: PathsPrior, mode: StateMode) -> NewPaths:
     """The free paths of a mode."""
     rows = slice(len(prior.table), None)
     matched, own = mode.paths.without(prior.weight)
-    std = np.sqrt(np.einsum("npp->np", mode.spread[rows]))
-    path = mode.path[rows].copy()
+    std = np.sqrt(np.einsum("npp->np", mode.free_spread))
+    path = mode.path[rows] - mode.turned[rows]
     path[:, 1:] = wrap(path[:, 1:])
     return NewPaths(path, std, np.sqrt(matched[rows]) / own[rows])

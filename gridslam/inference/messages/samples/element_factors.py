@@ -6,6 +6,8 @@ strong path looks like fainter ones beside it, behind which walls would be born.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gridslam.arrays import replace, squared
@@ -17,18 +19,21 @@ from gridslam.world.signal_model import SignalModel
 
 
 def learn_elements(
-    state: State, snapshot: Snapshot, likelihood: SnapshotLikelihood, model: SignalModel
+    state: State, listened: Sequence[tuple[Snapshot, SnapshotLikelihood]], model: SignalModel
 ) -> State:
-    """The state with what a snapshot says of the elements' factors, by the paths that are believed in.
+    """The state with what a step's snapshots say of the elements' factors, by paths that are believed in.
 
     Not by new ones: these may be what the factors make of others.
     """
-    samples = snapshot.samples if snapshot.factor is None else snapshot.samples * snapshot.factor[..., None]
-    mode, known = likelihood.found.mode, len(likelihood.followed)
-    if not known:
-        return state
-    believed = composed(snapshot.band, mode.path[:known], mode.paths.amplitude[:known])
-    matched = np.einsum("abm,abm->ab", believed.conj(), samples) / snapshot.noise
-    power = squared(believed).sum(-1) / snapshot.noise
     elements = state.elements or ElementGains.none(model.waveform)
-    return replace(state, elements=elements.taken_in(snapshot.anchor, matched, power))
+    matched, power = np.zeros_like(elements.matched), np.zeros_like(elements.power)
+    for snapshot, likelihood in listened:
+        mode, known = likelihood.found.mode, len(likelihood.followed)
+        believed = composed(snapshot.band, mode.path[:known], mode.paths.amplitude[:known])
+        factor = 1.0 if snapshot.factor is None else snapshot.factor[..., None]
+        received = np.einsum("abm,abm->ab", believed.conj(), factor * snapshot.samples)
+        matched[snapshot.anchor] = received / snapshot.noise
+        power[snapshot.anchor] = squared(believed).sum(-1) / snapshot.noise
+    if not power.any():
+        return state
+    return replace(state, elements=elements.taken_in(matched, power, model.waveform))

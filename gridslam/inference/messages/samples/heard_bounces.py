@@ -81,7 +81,7 @@ def measured(mode: StateMode) -> tuple[Array, Array]:
     step = spread @ mode.paths.gradient.reshape(-1)
     told = information.diagonal() > free
     variance = np.where(told, spread.diagonal(), UNMEASURED)
-    return mode.path + step.reshape(-1, 3), variance.reshape(-1, 3)
+    return mode.path - mode.turned + step.reshape(-1, 3), variance.reshape(-1, 3)
 
 
 def weigh_angles(state: State, paths: PredictedPaths, heard: HeardBounces) -> State:

@@ -32,6 +32,8 @@ FREE = np.array([1e-2, 1e-1, 1e-1])
 WIDE, STARTS = 0.7, 48
 """Turn of phase (rms, rad) within a deviation of a path's prediction, from which on the posterior may have
 several modes; states that are tried then, drawn from the belief."""
+TURNS = 4
+"""Slopes, along x and y, of phases over the anchor's array and the agent's."""
 Whole = NDArray[np.int32]
 
 
@@ -51,6 +53,9 @@ class PathsPrior:
         Mean power of each path, times the probability that it is there.
     free : (F, 3) m, rad, rad
         Paths of which nothing is known: where the search for them begins.
+    turn_std : (2,) rad, optional
+        By how much an array may turn all departures, or all arrivals, though no turn of it does: by phases of
+        its elements, (M567).
     """
 
     belief: Belief
@@ -58,6 +63,7 @@ class PathsPrior:
     table: Whole
     weight: Array
     free: Array
+    turn_std: Array | None = None
 
     def with_path(self, path: Array, weight: float) -> PathsPrior:
         """One free path (3,) more."""
@@ -83,6 +89,10 @@ class StateMode:
         Its paths, the free ones last.
     spread : (N + F, 3, 3)
         Covariance of each.
+    turned : (N + F, 3)
+        By how much arrays have turned each, (M567).
+    free_spread : (F, 3, 3)
+        Covariance of the free paths but for that.
     paths : ArraySuperposition
         The paths at the mode.
     shift : (n,)
@@ -96,6 +106,8 @@ class StateMode:
     belief: Belief
     path: Array
     spread: Array
+    turned: Array
+    free_spread: Array
     paths: ArraySuperposition
     shift: Array
     information: Array
@@ -124,7 +136,7 @@ class StateMode:
 
 
 def _blocks(information: Array) -> Array:
-    """Each path's own information (N, 3, 3)."""
+    """Each path's own part (N, 3, 3) of what is of all, (3 N, 3 N)."""
     count = len(information) // 3
     rows = np.arange(count)
     return np.asarray(information.reshape(count, 3, count, 3)[rows, :, rows, :])
@@ -173,7 +185,7 @@ def state_mode(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: floa
         Power of the noise in each sample.
     """
     posterior = _States(band, samples, prior, noise)
-    numbers = np.zeros(posterior.size + prior.free.size)
+    numbers = np.zeros(len(posterior.precision))
     place = posterior.at(numbers)
     if posterior.is_wide(place):
         numbers, place = posterior.likeliest(numbers, place)
@@ -182,9 +194,10 @@ def state_mode(band: ArrayBand, samples: Complex, prior: PathsPrior, noise: floa
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Paths (N + F, 3) of a state, their slopes (3 N + 3 F, n) by it, and the log posterior."""
+    """Paths (N + F, 3) of a state, by how much arrays turn them, slopes (3 N + 3 F, n), the log posterior."""
 
     path: Array
+    turned: Array
     slope: Array
     paths: ArraySuperposition
     value: float
@@ -198,22 +211,30 @@ class _States:
         self.root, self.head = np.ascontiguousarray(prior.belief.root), prior.belief.layout.head
         self.size = len(self.root)
         self.matters = prior.weight > noise
-        self.precision = np.concatenate([np.ones(self.size), np.tile(FREE**2, len(prior.free))])
+        turns = 0 if prior.turn_std is None else TURNS
+        self.precision = np.concatenate(
+            [np.ones(self.size), np.tile(FREE**2, len(prior.free)), np.ones(turns)]
+        )
 
     def at(self, numbers: Array) -> _Place:
-        prior, size = self.prior, self.size
+        prior, size, count = self.prior, self.size, len(self.prior.table)
         mean = prior.belief.mean + self.root @ numbers[:size]
-        known, by_numbers = paths_at(mean, prior.place, prior.table, self.head, self.root)
-        path, slope, square = known, by_numbers, float(numbers[:size] @ numbers[:size])
-        if len(prior.free):
-            off, free = numbers[size:].reshape(-1, 3), len(prior.free)
-            path = np.concatenate([known, prior.free + off])
-            square += float(((FREE * off) ** 2).sum())
+        path, slope = paths_at(mean, prior.place, prior.table, self.head, self.root)
+        turned = np.zeros((count + len(prior.free), 3))
+        if len(numbers) > size:
+            by_state, last = slope, size + prior.free.size
+            path = np.concatenate([path, prior.free + numbers[size:last].reshape(-1, 3)])
             slope = np.zeros((len(path), 3, len(numbers)))
-            slope[: len(known), :, :size] = by_numbers
-            slope[len(known) :, :, size:] = np.eye(3 * free).reshape(free, 3, -1)
+            slope[:count, :, :size] = by_state
+            slope[count:, :, size:last] = np.eye(last - size).reshape(len(prior.free), 3, last - size)
+            if prior.turn_std is not None:
+                slope[:, :, last:] = _turning(path, prior.turn_std)
+                turned = slope[:, :, last:] @ numbers[last:]
+                path = path + turned
+        square = float(self.precision @ numbers**2)
         paths = superpose_arrays(self.band, self.samples, path, prior.weight, self.noise)
-        return _Place(path, slope.reshape(-1, len(numbers)), paths, paths.log_density - 0.5 * square)
+        value = paths.log_density - 0.5 * square
+        return _Place(path, turned, slope.reshape(-1, len(numbers)), paths, value)
 
     def is_wide(self, place: _Place) -> bool:
         """Whether a path that matters is known less well than within a wave of its correlation."""
@@ -251,11 +272,21 @@ class _States:
         mean[HEADING] = wrap(mean[HEADING])
         own = self.root @ covariance[:size, :size] @ self.root.T
         belief = replace(self.prior.belief, mean=mean, covariance=0.5 * (own + own.T))
-        slope = place.slope.reshape(-1, 3, len(numbers))
+        slope, count = place.slope.reshape(-1, 3, len(numbers)), self.prior.free.size
+        free = np.asarray(covariance[size : size + count, size : size + count], np.float64)
         return StateMode(
-            belief, place.path, slope @ covariance @ np.swapaxes(slope, 1, 2), place.paths, numbers[:size],
-            information[:size, :size], place.value,
+            belief, place.path, slope @ covariance @ np.swapaxes(slope, 1, 2), place.turned, _blocks(free),
+            place.paths, numbers[:size], information[:size, :size], place.value,
         )  # fmt: skip
+
+
+def _turning(path: Array, std: Array) -> Array:
+    """By how much planes of phases over both arrays turn paths (N, 3), in their deviations, (N, 3, 4)."""
+    slope = np.zeros((len(path), 3, TURNS))
+    for array, angle in enumerate(path[:, 1:].T):
+        slope[:, 1 + array, 2 * array] = -std[array] * np.sin(angle)
+        slope[:, 1 + array, 2 * array + 1] = std[array] * np.cos(angle)
+    return slope
 
 
 @lru_cache(64)
