@@ -25,6 +25,7 @@ from gridslam.inference.management.sole_sight import as_far_as_told
 from gridslam.inference.management.step_info import StepInfo
 from gridslam.inference.messages.level_coefficients import level_means, with_levels
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
+from gridslam.inference.scans.unsure_orientations import as_sure_as_anchors
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
@@ -202,6 +203,7 @@ class SurfaceFilter(SurfaceFront[Scan]):
     def _advanced(self, scan: Scan) -> tuple[Population[State], StepInfo]:
         believed = self.population
         if len(scan):
+            scan = as_sure_as_anchors(scan, self.model)  # (M568)
             believed, scan = as_far_as_told(believed, scan, self.model, self.work)  # (M514)
         if self._branches(self.state):
             after, info = advance_population(believed, scan, self.model, self.work, self.start, self.advance)

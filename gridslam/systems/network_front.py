@@ -16,6 +16,7 @@ from gridslam.inference.management.network.clock_rivals import advance_populatio
 from gridslam.inference.management.network.readout import CONFIRMED, network_estimate
 from gridslam.inference.management.readout import surface_estimate
 from gridslam.inference.management.step_info import NetworkInfo
+from gridslam.inference.scans.unsure_orientations import all_as_sure_as_anchors
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.workspace.workspace import Workspace
@@ -122,6 +123,7 @@ class NetworkFilter(NetworkFront[Population[NetworkState]]):
         return Population.of(state)
 
     def _advanced(self, scan: NetworkScan) -> tuple[Population[NetworkState], NetworkInfo]:
+        scan = all_as_sure_as_anchors(scan, self.model)  # (M568)
         believed = turn_of_all(self.now.believed, scan, self.model)
         return advance_population(believed, scan, self.model, self.work, self.advance)
 

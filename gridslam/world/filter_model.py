@@ -57,6 +57,8 @@ class FilterModel:
         What the levels are: "floor", "ceiling".
     origin_m : (2,) float64
         Where the origin of all positions lies in the scene, m.
+    orientation_std : (senders,) float64
+        Deviations of the anchors' orientations (rad), (M568).
     """
 
     scene: str
@@ -76,6 +78,7 @@ class FilterModel:
     level_prior: Array | None = field(default=None, kw_only=True)
     level_names: tuple[str, ...] = field(default=(), kw_only=True)
     origin_m: Array = field(default_factory=lambda: fixed(np.zeros(2)), kw_only=True)
+    orientation_std: Array = field(kw_only=True)
 
     @property
     def senders(self) -> int:
@@ -102,6 +105,14 @@ class FilterModel:
             believed = stated + np.where(self.rise >= 0, self.higher[self.rise], 0.0)
             rise = np.where(self.rise >= 0, self.rise, FIXED).astype(np.float64)
         return fixed(np.column_stack([self.anchors, believed, stated, rise]))
+
+    @property
+    def turn_variance(self) -> float:
+        """Variance of the turn about the only anchor that departures leave open (rad^2), (M568).
+
+        0 where there are several: what one is turned by is no turn of all.
+        """
+        return float(self.orientation_std[0]) ** 2 if self.senders == 1 else 0.0
 
     @cached_property
     def middle(self) -> Array:

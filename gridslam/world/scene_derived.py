@@ -9,7 +9,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.world.geometry import Segments, surfaces_of
-from gridslam.world.scene_parts import Agent, Wall
+from gridslam.world.scene_parts import Agent, Anchor, Wall
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waypoints import smooth_track
 
@@ -53,6 +53,11 @@ def surface_names(walls: Sequence[Wall], pieces: Segments) -> list[str]:
         name if name in once else f"{name} ({number})" if name else number
         for name, number in zip(names, numbers, strict=True)
     ]
+
+
+def orientation_std_of(anchors: Sequence[Anchor]) -> Array:
+    """Deviations of the anchors' orientations, (J,) rad."""
+    return np.radians([anchor.orientation_std_deg for anchor in anchors])
 
 
 @lru_cache(maxsize=64)

@@ -217,6 +217,7 @@ class Anchor(Strict, table="[[anchors]]"):
     name: Label
     position_m: Place
     orientation_deg: Degree = 0.0
+    orientation_std_deg: float = Field(0.0, ge=0, le=30)
     array: ArraySpec | None = None
     clock: Clock | None = None
 

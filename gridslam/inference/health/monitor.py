@@ -43,6 +43,8 @@ steps, to call it found; scans of fewer after which it no longer counts as lost.
 TRUSTED, DISTRUSTED = 20, 100
 """Steps from being well, within which a place counts as where the agent was; and for which another isn't
 trusted that no motion led to from there."""
+MOUNTED = 3.0
+"""Deviations of an anchor's orientation up to which a turn is what was to be expected."""
 NO_FIT = np.append(np.zeros(SUMS - 1), np.inf)
 """Sums of an anchor before its measurements were taken in."""
 
@@ -225,8 +227,9 @@ class HealthMonitor:
         clutter = max(levels, default=0.0)
         if clutter > max(LOUD_CLUTTER * stated, FEW_UNEXPLAINED):
             found.append(reasons.clutter(clutter, stated))
-        if turned.any() and not self.distrusted:
-            found.append(most_turned(turned, model))
+        unlikely = np.where(np.abs(turned) > MOUNTED * model.orientation_std, turned, 0.0)
+        if unlikely.any() and not self.distrusted:
+            found.append(most_turned(unlikely, model))
         # a Gaussian asks them for likelihoods alone
         if effective < FEW and model.settings.representation == "particles":
             found.append(reasons.few_particles(effective))

@@ -51,6 +51,20 @@ def turn_followed(
     return _followed(population, told, model, anchor)
 
 
+def held_at_least(
+    population: Population[Turning], variance: float, model: FilterModel
+) -> Population[Turning]:
+    """The same with the turn about the only anchor held out whatever a scan holds, (M566), (M568).
+
+    Departures tell it no better than with `variance` (rad^2).
+    """
+    states = list[Turning]()
+    for state in population.states:
+        held = without_turn(state, model) if state.turn_variance is None else state
+        states.append(replace(held, turn_variance=max(variance, held.turn_variance or 0.0)))
+    return changed(population, states=tuple(states))
+
+
 def turn_of_all(
     population: Population[NetworkState], scan: NetworkScan, model: NetworkModel
 ) -> Population[NetworkState]:
@@ -69,7 +83,10 @@ def turn_of_all(
         if state.turning is None or (turning != state.turning).any():
             state = replace(put_back(state, model.agents[0]), turn_variance=None, turning=turning)
         states.append(state)
-    return _followed(changed(population, states=tuple(states)), told, model.agents[0], 0)
+    population, own = changed(population, states=tuple(states)), model.agents[0]
+    if told and own.turn_variance:
+        return held_at_least(population, own.turn_variance, own)
+    return _followed(population, told, own, 0)
 
 
 def _followed(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.health.sight_watch import Sight
-from gridslam.inference.management.free_turn import turn_followed, with_turn
+from gridslam.inference.management.free_turn import held_at_least, turn_followed, with_turn
 from gridslam.inference.messages.motion import predict_agent
 from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor, whole_of
 from gridslam.inference.state.population import Population
@@ -44,6 +44,8 @@ def as_far_as_told(
     """
     state, departs = population.best, bool(np.isfinite(scan.aod_rad).any())
     if model.senders == 1:
+        if departs and model.turn_variance and not population.searching and state.samples is None:
+            return held_at_least(population, model.turn_variance, model), scan
         return turn_followed(population, departs, model), scan
     held, arrives = state.turn_variance is not None, bool(np.isfinite(scan.aoa_rad).any())
     may_begin = arrives and not departs and not state.next_identity

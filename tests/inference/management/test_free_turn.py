@@ -13,6 +13,7 @@ from gridslam.inference.management.free_turn import (
     LEFT,
     curvature,
     direction,
+    held_at_least,
     off_ring,
     position_spread,
     put_back,
@@ -202,6 +203,22 @@ def test_an_agent_that_goes_on_before_anything_is_mapped_turns_all_there_is(mode
     )  # fmt: skip
     walled = without_turn(drawn_state(model, 4), model)
     assert without_turn(walled, model) is walled
+
+
+@given(st.integers(0, 10_000), st.floats(1e-4, 0.1))
+def test_departures_tell_no_more_of_the_turn_than_the_only_anchors_mounting(model, seed, variance):
+    """All that is believed of it is held out once, or as much as the mounting leaves open if that is more."""
+    state = drawn_state(model, seed)
+    held = held_at_least(Population.of(state), variance, model).best
+    before = without_turn(state, model)
+    np.testing.assert_array_equal(held.belief.covariance, before.belief.covariance)
+    assert held.turn_variance == max(variance, before.turn_variance)
+    again = held_at_least(Population.of(held), 4 * variance, model).best
+    assert again.belief is held.belief
+    assert again.turn_variance == max(4 * variance, held.turn_variance)
+    way = direction(state.belief, model.places[0, :2])
+    back = put_back(again, model).belief.covariance - held.belief.covariance
+    np.testing.assert_allclose(back, again.turn_variance * np.outer(way, way), atol=1e-9)
 
 
 def test_what_is_known_exactly_breaks_nothing(model):

@@ -292,13 +292,14 @@ def test_right_elements_change_nothing():
     assert all(one.health.ok for one in estimates)
 
 
-def three_anchors(turned_deg=0.0):
-    """Three anchors, the first of them turned."""
+def three_anchors(turned_deg=0.0, std_deg=0.0, anchors=3):
+    """Three anchors or fewer, the first of them turned, of orientations known to so much."""
     data = scene_of(steps=31).model_dump(exclude_none=True)
     data["anchors"] = [*data["anchors"], data["anchors"][0] | {"name": "C", "position_m": (2.6, 2.2)}]
     data["anchors"][0] = data["anchors"][0] | {
         "orientation_deg": data["anchors"][0].get("orientation_deg", 0.0) + turned_deg
     }
+    data["anchors"] = [one | {"orientation_std_deg": std_deg} for one in data["anchors"][:anchors]]
     data["radio"]["snr_at_1m_db"] = 36.0
     return gs.Scene.checked(data, "chamber")
 
@@ -311,6 +312,20 @@ def test_an_anchor_that_is_turned_is_found_by_its_line_of_sight():
     np.testing.assert_allclose(turned, [10, 0, 0], atol=1.0)
     assert "anchor A seems turned by" in estimates[-1].health.why
     assert error < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("anchors", [1, 3])
+def test_what_is_told_of_how_anchors_are_mounted_is_claimed(anchors):
+    """(M568): the first by 4 degrees. About it alone all turns, and the turn is held out."""
+    recording = gs.simulate(three_anchors(4.0, anchors=anchors), "agent1", seed=4, what="signal")
+    slam, _, error, squared = ran(three_anchors(0.0, 3.0, anchors), recording)
+    _, _, error_before, squared_before = ran(three_anchors(anchors=anchors), recording)
+    assert 0.1 < squared < 4  # 2 is right
+    assert squared_before > (2 if anchors == 1 else 1.2) * squared
+    assert error < 1.1 * error_before
+    held = slam.state.turn_variance
+    assert held is None if anchors > 1 else held >= np.radians(3.0) ** 2
 
 
 @pytest.mark.slow

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace as changed
-
-from gridslam.arrays import replace
-from gridslam.inference.management.free_turn import turn_followed, without_turn
+from gridslam.inference.management.free_turn import held_at_least, turn_followed
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.inference.messages.samples.array_paths import hidden_turns
 from gridslam.inference.state.population import Population
@@ -18,20 +15,16 @@ from gridslam.world.signal_scan import SignalScan
 def turn_held(
     population: Population[State], scan: SignalScan, model: SignalModel, work: Workspace
 ) -> Population[State]:
-    """The population before a scan, with the turn held out that nothing tells, or elements' errors hide."""
+    """The population before a scan, with the turn held out that nothing tells, or that elements' errors hide,
+    or that the anchor is mounted with."""
     if not scan.heard.any():
         return population
     sole = model.senders == 1 and scan.heading_rad is None
     departs = any(len(element) > 1 for element in model.waveform.anchor_element_m)
     if not (sole and departs) or population.searching:
         return turn_followed(population, not sole, model)
-    state = population.best
-    hidden = hidden_turn(state, model, work)
-    if not hidden:
-        return turn_followed(population, True, model)
-    if state.turn_variance is None:
-        state = without_turn(state, model)
-    return changed(population, states=(replace(state, turn_variance=max(hidden, state.turn_variance or 0)),))
+    hidden = hidden_turn(population.best, model, work) + model.turn_variance
+    return held_at_least(population, hidden, model) if hidden else turn_followed(population, True, model)
 
 
 def hidden_turn(state: State, model: SignalModel, work: Workspace) -> float:

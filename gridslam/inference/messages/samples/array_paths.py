@@ -52,7 +52,8 @@ class Snapshot:
     factor : (A, B) or None
         These; None: none are known.
     turn_std : (2,) or None
-        By how much departures and arrivals may be turned by what of the factors isn't told, rad.
+        By how much departures and arrivals may be turned, by what of the factors isn't told or by how the
+        anchor is mounted, rad; None: not at all.
     noise : float
         Power of the noise in each sample.
     fades : bool
@@ -184,10 +185,12 @@ def take_snapshot(
     length = np.maximum(paths.prediction.length, 1e-3)
     rays = Rays(paths.rays.table.copy(), paths.rays.existence.copy(), paths.rays.surfaces.copy())
     samples, factor = without_factors(state, scan.samples[anchor], anchor)
-    turn_std = None if factor is None else hidden_turns(state, band, model)
+    turn_std = hidden_turns(state, band, model)
+    if state.turn_variance is None:  # else all turns with the anchor
+        turn_std[0] = np.hypot(turn_std[0], model.orientation_std[anchor])  # (M568)
     return Snapshot(
-        anchor, band, samples, factor, turn_std, float(state.noise[anchor]), model.fades, rays,
-        visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
+        anchor, band, samples, factor, turn_std if turn_std.any() else None, float(state.noise[anchor]),
+        model.fades, rays, visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
         amplitudes.probability.copy(), amplitudes.radio,
     )  # fmt: skip
 
