@@ -26,6 +26,8 @@ SURPRISE, LEAST = 6.0, 0.03
 """Deviations beyond which factors of 1 are ruled out, and root mean square error that matters."""
 FAINTEST = 0.5
 """Amplitude below which no element is made louder: there is more noise in it than signal."""
+PHASE_STD, GUESSED = 0.15, 2.0
+"""Of the phases of elements that are off (rad), as a guess; how many elements' phases it is worth."""
 MOST_MATCHED = 1e6
 """Ratio to which sums can't come: samples of a signal that is so much louder than believed."""
 
@@ -84,11 +86,14 @@ class ElementGains:
         return float(np.sqrt(excess)) if beyond else 0.0
 
     def phase_variance(self, waveform: Waveform) -> float:
-        """Of the phases of elements, rad^2, over all arrays: each one's plane doesn't show."""
+        """Of the phases of elements, rad^2, over all arrays: each one's plane doesn't show.
+
+        Of few elements hardly anything is left: then it is what cables mostly do.
+        """
         places = [*waveform.anchor_element_m, waveform.agent_element_m]
         squares = sum(float(np.square(np.angle(factor)).sum()) for factor in (self.anchor, self.agent))
         left = sum(len(place) - np.linalg.matrix_rank(plane_of(place)) for place in places)
-        return squares / max(int(left), 1)
+        return (squares + GUESSED * PHASE_STD**2) / (int(left) + GUESSED)
 
     def of(self, anchor: int) -> Complex | None:
         """By what the samples of an anchor's pairs of elements (A, B) are to be divided; None: by nothing."""

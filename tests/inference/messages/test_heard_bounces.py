@@ -102,6 +102,15 @@ def test_nor_do_those_that_another_path_is_beside_which_matters():
     assert heard_of(mode, [900.0] * 4, weight=0.5).row.tolist() == [1, 2]
 
 
+def test_angles_are_those_that_right_arrays_would_have_measured():
+    mode = mode_at(MEAN)
+    turned = np.zeros_like(mode.path)
+    turned[:, 1:] = 0.02
+    (right, variance), (found, same) = measured(mode), measured(replace(mode, turned=turned))
+    np.testing.assert_allclose(found, right - turned)
+    np.testing.assert_array_equal(same, variance)
+
+
 def test_rows_are_those_of_the_snapshot_where_not_all_paths_are_followed():
     mode = mode_at(MEAN)
     shorter = replace(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from gridslam.inference.management.free_turn import held_at_least, turn_followed
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
-from gridslam.inference.messages.samples.array_paths import hidden_turns
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -29,5 +28,9 @@ def turn_held(
 
 def hidden_turn(state: State, model: SignalModel, work: Workspace) -> float:
     """Variance (rad^2) of the turn that errors of the only anchor's elements pass for, (M566)."""
+    elements = state.elements
+    if elements is None or not elements.size:
+        return 0.0
     band: ArrayBand = work.buffers(ArrayBand.of, 0, model.waveform, 0)
-    return float(hidden_turns(state, band, model)[0]) ** 2
+    extent = len(band.anchor) * float(band.steepness[1]) ** 2
+    return elements.phase_variance(model.waveform) / extent if extent else 0.0

@@ -145,6 +145,13 @@ class ArrayBand:
         return np.array(spread)
 
     @cached_property
+    def extent_roots(self) -> Array:
+        """Of both arrays, roots of sums of squares of elements' places about their middle, rad, (2, 2, 2)."""
+        extents = [np.cov(element.T, bias=True) * len(element) for element in (self.anchor, self.agent)]
+        values, frames = np.linalg.eigh(np.array(extents))
+        return np.asarray((frames * np.sqrt(np.maximum(values, 0.0))[:, None]) @ np.swapaxes(frames, 1, 2))
+
+    @cached_property
     def beams(self) -> Beams:
         """Where paths are looked for at first: two points for each width of a peak."""
         count = POINTS * len(self.wavenumber)

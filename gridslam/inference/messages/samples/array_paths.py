@@ -18,7 +18,7 @@ from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Comp
 from gridslam.inference.messages.samples.array_search import FoundPaths, find_paths
 from gridslam.inference.messages.samples.noise_levels import learned_noise
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
-from gridslam.inference.messages.samples.state_mode import PathsPrior, is_wide, paths_at
+from gridslam.inference.messages.samples.state_mode import ArrayErrors, PathsPrior, is_wide, paths_at
 from gridslam.inference.state.population import moments
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -51,9 +51,8 @@ class Snapshot:
         With the elements' factors, as far as they are known, taken out.
     factor : (A, B) or None
         These; None: none are known.
-    turn_std : (2,) or None
-        By how much departures and arrivals may be turned, by what of the factors isn't told or by how the
-        anchor is mounted, rad; None: not at all.
+    errors : ArrayErrors or None
+        Of what of the factors isn't told, and of how the anchor is mounted.
     noise : float
         Power of the noise in each sample.
     fades : bool
@@ -73,7 +72,7 @@ class Snapshot:
     band: ArrayBand
     samples: Complex
     factor: Complex | None
-    turn_std: Array | None
+    errors: ArrayErrors | None
     noise: float
     fades: bool
     rays: Rays
@@ -154,13 +153,13 @@ def without_factors(state: State, samples: Complex, anchor: int) -> tuple[Comple
     return (samples, None) if factor is None else (samples / factor[..., None], factor)
 
 
-def hidden_turns(state: State, band: ArrayBand, model: SignalModel) -> Array:
-    """Deviations (2,) of turns of departures and arrivals that elements' errors pass for, rad; (M566)."""
-    if state.elements is None or not state.elements.size:
-        return np.zeros(2)
-    std = np.sqrt(state.elements.phase_variance(model.waveform))
-    spread = np.sqrt([len(band.anchor), len(band.agent)]) * band.steepness[1:]
-    return np.where(spread > 0, std / np.maximum(spread, 1e-12), 0.0)
+def array_errors(state: State, anchor: int, model: SignalModel) -> ArrayErrors | None:
+    """What turns the paths of an anchor's snapshots, (M567), (M568); None if nothing is known to."""
+    used = state.elements is not None and state.elements.size > 0
+    phase = float(np.sqrt(state.elements.phase_variance(model.waveform))) if state.elements and used else 0.0
+    held = state.turn_variance is not None  # all turns with the anchor
+    errors = ArrayErrors(phase, 0.0 if held else float(model.orientation_std[anchor]))
+    return errors if any(errors) else None
 
 
 def take_snapshot(
@@ -185,11 +184,8 @@ def take_snapshot(
     length = np.maximum(paths.prediction.length, 1e-3)
     rays = Rays(paths.rays.table.copy(), paths.rays.existence.copy(), paths.rays.surfaces.copy())
     samples, factor = without_factors(state, scan.samples[anchor], anchor)
-    turn_std = hidden_turns(state, band, model)
-    if state.turn_variance is None:  # else all turns with the anchor
-        turn_std[0] = np.hypot(turn_std[0], model.orientation_std[anchor])  # (M568)
     return Snapshot(
-        anchor, band, samples, factor, turn_std if turn_std.any() else None, float(state.noise[anchor]),
+        anchor, band, samples, factor, array_errors(state, anchor, model), float(state.noise[anchor]),
         model.fades, rays, visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
         amplitudes.probability.copy(), amplitudes.radio,
     )  # fmt: skip
@@ -249,7 +245,7 @@ def _weighed(
     if unsure.any():
         unsure[unsure] = is_wide(snapshot.band, state.belief, place, table[unsure])  # (M521)
         weight = np.where(unsure, FAINT * snapshot.noise, weight)
-    prior = PathsPrior(state.belief, place, table, weight, np.zeros((0, 3)), snapshot.turn_std)
+    prior = PathsPrior(state.belief, place, table, weight, np.zeros((0, 3)), snapshot.errors)
     found = find_paths(snapshot.band, snapshot.samples, prior, snapshot.noise, power[followed])
     mode = found.mode
     matched, own, log_mean = np.zeros(len(chance)), np.zeros(len(chance)), np.zeros(len(chance))

@@ -74,7 +74,7 @@ def measured(mode: StateMode) -> tuple[Array, Array]:
     """What a snapshot alone says of a mode's paths, (N, 3) m, rad, rad, and its variances; (M562).
 
     One step from the mode to where the likelihood is highest over all paths at once, with no state behind
-    them.
+    them, less what arrays are believed to turn them by; what is unsure of that isn't in the variances.
     """
     information, free = mode.paths.information, np.tile(FREE**2, len(mode.path))
     spread = np.linalg.inv(information + np.diag(free))

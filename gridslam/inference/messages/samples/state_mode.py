@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, squared
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.messages.samples.array_likelihood import (
@@ -32,9 +33,25 @@ FREE = np.array([1e-2, 1e-1, 1e-1])
 WIDE, STARTS = 0.7, 48
 """Turn of phase (rms, rad) within a deviation of a path's prediction, from which on the posterior may have
 several modes; states that are tried then, drawn from the belief."""
-TURNS = 4
-"""Slopes, along x and y, of phases over the anchor's array and the agent's."""
+TURNS, LEAST_ACROSS = 5, 0.01
+"""Slopes, along x and y, of phases over the anchor's array and the agent's, and the anchor's turn; share of
+an array's extent that it has across a direction at least."""
 Whole = NDArray[np.int32]
+
+
+class ArrayErrors(NamedTuple):
+    """What turns all departures or all arrivals of a snapshot beside the state, (M567), (M568).
+
+    Attributes
+    ----------
+    phase_std : float
+        Of elements' phases, whose planes nobody knows, rad.
+    orientation_std : float
+        Of the anchor's orientation, rad.
+    """
+
+    phase_std: float
+    orientation_std: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +70,8 @@ class PathsPrior:
         Mean power of each path, times the probability that it is there.
     free : (F, 3) m, rad, rad
         Paths of which nothing is known: where the search for them begins.
-    turn_std : (2,) rad, optional
-        By how much an array may turn all departures, or all arrivals, though no turn of it does: by phases of
-        its elements, (M567).
+    errors : ArrayErrors, optional
+        Of both arrays; default: none.
     """
 
     belief: Belief
@@ -63,7 +79,7 @@ class PathsPrior:
     table: Whole
     weight: Array
     free: Array
-    turn_std: Array | None = None
+    errors: ArrayErrors | None = None
 
     def with_path(self, path: Array, weight: float) -> PathsPrior:
         """One free path (3,) more."""
@@ -98,7 +114,7 @@ class StateMode:
     shift : (n,)
         Of the state, in prior deviations.
     information : (n, n)
-        Information of the snapshot about these.
+        Information of the snapshot about these, if the free paths were known.
     log_posterior : float
         log CN(z; 0, C) + log prior but for constants.
     """
@@ -211,7 +227,7 @@ class _States:
         self.root, self.head = np.ascontiguousarray(prior.belief.root), prior.belief.layout.head
         self.size = len(self.root)
         self.matters = prior.weight > noise
-        turns = 0 if prior.turn_std is None else TURNS
+        turns = 0 if prior.errors is None else TURNS
         self.precision = np.concatenate(
             [np.ones(self.size), np.tile(FREE**2, len(prior.free)), np.ones(turns)]
         )
@@ -227,8 +243,8 @@ class _States:
             slope = np.zeros((len(path), 3, len(numbers)))
             slope[:count, :, :size] = by_state
             slope[count:, :, size:last] = np.eye(last - size).reshape(len(prior.free), 3, last - size)
-            if prior.turn_std is not None:
-                slope[:, :, last:] = _turning(path, prior.turn_std)
+            if prior.errors is not None:
+                slope[:, :, last:] = _turning(path, self.band, prior.errors)
                 turned = slope[:, :, last:] @ numbers[last:]
                 path = path + turned
         square = float(self.precision @ numbers**2)
@@ -274,18 +290,30 @@ class _States:
         belief = replace(self.prior.belief, mean=mean, covariance=0.5 * (own + own.T))
         slope, count = place.slope.reshape(-1, 3, len(numbers)), self.prior.free.size
         free = np.asarray(covariance[size : size + count, size : size + count], np.float64)
+        told = information[:size, :size]
+        if self.prior.errors is not None:  # of what is left of it where nobody knows how arrays turn paths
+            by, own = information[:size, size + count :], information[size + count :, size + count :]
+            told = told - by @ np.linalg.solve(own + np.eye(TURNS), by.T)
         return StateMode(
             belief, place.path, slope @ covariance @ np.swapaxes(slope, 1, 2), place.turned, _blocks(free),
-            place.paths, numbers[:size], information[:size, :size], place.value,
+            place.paths, numbers[:size], told, place.value,
         )  # fmt: skip
 
 
-def _turning(path: Array, std: Array) -> Array:
-    """By how much planes of phases over both arrays turn paths (N, 3), in their deviations, (N, 3, 4)."""
+def _turning(path: Array, band: ArrayBand, errors: ArrayErrors) -> Array:
+    """Derivatives of paths (N, 3) by what turns them, each in units of its deviation, (N, 3, TURNS).
+
+    Slopes of phases that no plane tells have the inverse of the array's extent for a covariance: across a
+    direction the array tells it by that extent, and no better by what it tells of others.
+    """
     slope = np.zeros((len(path), 3, TURNS))
-    for array, angle in enumerate(path[:, 1:].T):
-        slope[:, 1 + array, 2 * array] = -std[array] * np.sin(angle)
-        slope[:, 1 + array, 2 * array + 1] = std[array] * np.cos(angle)
+    for array, (angle, root) in enumerate(zip(path[:, 1:].T, band.extent_roots, strict=True)):
+        across = np.stack([-np.sin(angle), np.cos(angle)], -1) @ root
+        extent = np.maximum(squared(across).sum(1), LEAST_ACROSS * squared(root).sum())
+        if extent.all():
+            own = slice(2 * array, 2 * array + 2)
+            slope[:, 1 + array, own] = errors.phase_std * across / extent[:, None]
+    slope[:, 1, -1] = errors.orientation_std
     return slope
 
 
