@@ -50,7 +50,9 @@ def pytest_collection_modifyitems(items):
 
 def pytest_sessionfinish():
     """At its end pytest looks five times through all objects for files that nobody closed, and Python once
-    more: here once, and what is left is left alone."""
+    more: here once, and what is left is left alone. But Taichi, which keeps what it compiled as it goes."""
+    if "taichi" in sys.modules:
+        sys.modules["taichi"].reset()
     gc.collect()
     gc.freeze()
 
