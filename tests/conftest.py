@@ -110,14 +110,15 @@ def short_room(tmp_path):
 def blank_figures(monkeypatch):
     """Figures are made and are files of their names, but aren't drawn, which takes longer than the
     filter: for tests that look at names alone."""
-    for room in ("plots", "export_figures"):
-        monkeypatch.setattr(f"gridslam.viewers.{room}.encoded", lambda *_: b"\x89PNG")
+    for room in ("viewers.plots", "viewers.export_figures", "studies.plots"):
+        monkeypatch.setattr(f"gridslam.{room}.encoded", lambda *_: b"\x89PNG")
 
 
 @pytest.fixture
 def no_figures(monkeypatch, blank_figures):
-    """Leave out the figures of runs; those of exports are blank."""
+    """Leave out the figures of runs, and reading what they would show; those of exports are blank."""
     monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda folder, *_, **__: [])
+    monkeypatch.setattr("gridslam.cli.run_end._read_back", lambda *_: None)
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import os
 import sys
 from collections.abc import Iterable, Sized
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Literal, cast
 
@@ -339,5 +340,11 @@ def _imported(path: str, where: str) -> object:
 
 
 def _entry_points() -> Iterable[EntryPoint]:
-    """Methods of other packages."""
-    return entry_points(group=GROUP)
+    """Methods of other packages: read anew where a folder of packages has changed."""
+    return _entered(tuple((place, os.stat(place).st_mtime_ns) for place in sys.path if os.path.exists(place)))
+
+
+@cache
+def _entered(_: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
+    """The same of places where packages are, and when these changed."""
+    return tuple(entry_points(group=GROUP))

@@ -61,6 +61,7 @@ def test_recorded_measurements_and_a_tum_track_score_like_the_simulation(say, sh
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 def test_without_walls_the_track_is_scored_and_the_map_is_not(say, tmp_path):
     scene = shortened(gs.Scene.load("room"), 4)
     gs.simulate(scene, "agent1", 1).to_h5(tmp_path / "heard.h5")
@@ -301,6 +302,7 @@ def test_full_disk_is_one_line_and_nothing_half_written(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 def test_disk_full_at_the_figures_keeps_the_rest(say, short_room, monkeypatch):
     write = Path.write_bytes
 
