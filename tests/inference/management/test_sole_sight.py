@@ -131,9 +131,9 @@ def test_a_faint_line_of_sight_is_believed_in_once_several_scans_speak_for_it():
 
 @pytest.mark.slow
 def test_an_agent_that_hears_one_anchor_in_sight_claims_no_more_than_it_knows():
-    """Four runs, none tuned on: without the rule, squared errors are 30 to 6000 times the variances."""
+    """Three runs, none tuned on: without the rule, squared errors are 30 to 6000 times the variances."""
     scene, squared, last = two_rooms(), [], []
-    for seed in (51, 52, 53, 54):
+    for seed in (51, 52, 53):
         run = gs.map_scene(scene, gs.simulate(scene, "cart", seed=seed), method="adaptive", seed=seed)
         true = gs.ground_truth(scene, "cart").trajectory.position_m
         off = np.array([one.position_m for one in run.estimates]) - true

@@ -93,7 +93,7 @@ def followed(scene, true, seed):
 def test_what_is_told_of_mountings_is_claimed(anchors):
     """Three degrees: about an only anchor the whole world turns by them; of two, departures disagree."""
     told, not_told = [], []
-    for seed, turned in ((4, (3.0, -3.0)), (5, (-4.0, 2.0)), (6, (2.0, 4.0))):
+    for seed, turned in ((4, (3.0, -3.0)), (5, (-4.0, 2.0))):
         true = room(anchors, turned_deg=turned)
         told.append(followed(room(anchors, 3.0), true, seed))
         not_told.append(followed(room(anchors), true, seed))
