@@ -95,7 +95,13 @@ def _crossings(table: Columns, model: FilterModel, walls: Segments) -> Iterator[
     clear = _clear(table, model, walls)
     steps, begin = np.unique(table["step"], return_index=True)
     columns = {name: table[name] for name in COLUMNS if name in table}
-    for step, first, end in zip(steps[:LONGEST], begin, [*begin[1:], len(table["step"])], strict=False):
+    pairs = np.unique(np.stack([table["step"], table["anchor"]])[:, clear], axis=1)
+    told, anchors = np.unique(pairs[0], return_counts=True)
+    cross = np.isin(steps, told[anchors > 1])  # at others fewer than two anchors can be in sight
+    ends = [*begin[1:], len(table["step"])]
+    for step, first, end, may in list(zip(steps, begin, ends, cross, strict=True))[:LONGEST]:
+        if not may:
+            continue
         rows = slice(first, end)
         scan = Scan(int(step), float(step), **{name: values[rows] for name, values in columns.items()})
         scans = split_by_anchor(scan, model)
