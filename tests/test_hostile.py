@@ -56,6 +56,7 @@ DRAWING = "\n".join(DRAWN.split()) + "\n"
 @CASES
 @given(content=damaged(SCENE.encode()) | retold(SCENE))
 @example(content=SCENE.replace("step_m = 0.05", "step_m = 1e-320").encode())
+@example(content=b"a = " + b"[" * 3000)
 def test_scene(tmp_path, content):
     harmless(Scene.load, tmp_path / "a.toml", content)
 
@@ -223,6 +224,8 @@ def read_plan(path):
 @pytest.mark.slow
 @CASES
 @given(content=damaged(PLAN.encode()) | retold(PLAN))
+@example(content=b"[" * 3000)
+@example(content=PLAN.replace("0.4", "9" * 400).encode())
 def test_geojson(tmp_path, content):
     harmless(read_plan, tmp_path / "a.geojson", content)
 

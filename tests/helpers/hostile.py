@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from gridslam.errors import InputError
 
 CASES = settings(
-    max_examples=int(os.environ.get("GRIDSLAM_HOSTILE_CASES", "500")),
+    max_examples=int(os.environ.get("GRIDSLAM_HOSTILE_CASES", "250")),
     deadline=None,
     database=None,
     derandomize="GRIDSLAM_HOSTILE_CASES" not in os.environ,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 FEWER = settings(CASES, max_examples=CASES.max_examples // 5)
-FEWEST = settings(CASES, max_examples=CASES.max_examples // 20)
+FEWEST = settings(CASES, max_examples=CASES.max_examples // 10)
 """Where each case starts a process."""
 LARGEST_KB = 800_000
 NASTY = (
