@@ -129,8 +129,9 @@ c.main()
 def killed(last, *words):
     """Number of the process of a run that is killed where its checkpoint no. `last` is about to count."""
     code, pipe = KILLED.replace("LAST", str(last)), subprocess.PIPE
+    found = os.environ | {"PYTHONPATH": os.pathsep.join([*sys.path, str(Path(__file__).parent)])}
     run = subprocess.Popen(
-        [sys.executable, "-c", code, *words], stdin=pipe, stdout=pipe, stderr=pipe, text=True
+        [sys.executable, "-c", code, *words], stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=found
     )
     first_line = run.stdout.readline()
     run.kill()

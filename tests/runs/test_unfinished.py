@@ -137,10 +137,10 @@ def test_run_that_was_through_but_for_its_scores_is_scored(tiny, whole, monkeypa
 def test_killed_run_loses_no_more_than_the_steps_since_its_checkpoint(tiny, whole):
     """Checkpoints: 1 nothing, 2 agent1 begins, 3 to 5 its steps, 6 agent2 begins, 7 and 8 its steps.
 
-    Those of a run that goes on: one for each step that is left, and one where agent2 begins. Of the method
-    whose kernels are loaded soonest, in each process.
+    Those of a run that goes on: one for each step that is left, and one where agent2 begins. Of a method that
+    starts at once, in each process; the others go on bit for bit above.
     """
-    method = ("--method", "va")
+    method = ("--method", "kept_sights:KeptSights")
     start, resume = (*RUN, *method, "-o", "out", "--checkpoint", "1"), ("run", "--resume", "out")
     for last, words, done in ((3, start, 0), (5, resume, 3)):
         process = killed(last, *words)
