@@ -92,7 +92,7 @@ def test_sums_of_images_count_for_their_anchors():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [gs.GridSlam, gs.AdaptiveSlam])
 def test_floor_and_ceiling_leave_a_filter_that_knows_them_at_the_bound(method):
-    scene = with_levels(shortened(gs.Scene.load("ceiling"), 120))
+    scene = with_levels(shortened(gs.Scene.load("ceiling"), 70))
     track, measurements = scene.track("agent1"), gs.simulate(scene, "agent1", seed=21)
     square, ratio, last = followed(scene, method, measurements, track)
     bound = unknown_map_bound(scene, "agent1").position_m
