@@ -16,6 +16,9 @@ from gridslam.errors import InputError
 from gridslam.io.hdf5_guard import is_hdf5, prove, seal
 from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, refuse_links
 
+OF_KINDS = {"OS": "text", "iu": "whole numbers", "b": "true or false", "c": "complex numbers"}
+"""What datasets of some NumPy kinds hold, in words; of all others: numbers."""
+
 
 def beside(path: Path) -> Path:
     """Temporary name in the folder of `path`, for a rename that can't cross file systems."""
@@ -294,7 +297,7 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
         wanted = tuple("any" if n is None else n for n in shape)
         raise InputError(where, f"shape {data.shape}", f"shape {wanted}".replace("'", ""))
     if data.dtype.kind not in kind:
-        raise InputError(where, f"type {data.dtype}", "text" if "O" in kind else "numbers")
+        raise InputError(where, f"type {data.dtype}", OF_KINDS.get(kind, "numbers"))
     if claims_too_much(data):
         raise InputError(where, f"{data.size} values", "as many as the file holds")
     return np.asarray(data[()])

@@ -107,8 +107,8 @@ class FilterModel:
         return fixed(np.column_stack([self.anchors, believed, stated, rise]))
 
     @property
-    def turn_variance(self) -> float:
-        """Variance of the turn about the only anchor that departures leave open (rad^2), (M568).
+    def mounting_variance(self) -> float:
+        """Variance of how the only anchor is mounted (rad^2): all may turn about it by as much, (M568).
 
         0 where there are several: what one is turned by is no turn of all.
         """

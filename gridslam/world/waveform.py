@@ -6,6 +6,7 @@ docs/model.md, section 11; all responses have unit norm, so that path loss and S
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,6 +124,12 @@ class Waveform:
         anchors, elements = self.anchor_element_m.shape[:2]
         return anchors, elements, len(self.agent_element_m), len(self.offset_hz)
 
+    @cached_property
+    def phases_beyond_planes(self) -> int:
+        """Of the phases of all elements, how many combinations aren't planes over their arrays; (M567)."""
+        arrays = [*self.anchor_element_m, self.agent_element_m]
+        return sum(len(array) - int(np.linalg.matrix_rank(plane_of(array))) for array in arrays)
+
     def delay_response(self, distance_m: Array | float) -> Complex:
         """Response over frequency to paths of lengths (...), (..., M), unit norm; (M49)."""
         turn = np.asarray(distance_m, np.float64)[..., None] * self.offset_hz
@@ -135,6 +142,11 @@ class Waveform:
     def agent_response(self, aoa_rad: Array | float) -> Complex:
         """Response of the agent's elements to arrivals (...) relative to its heading, (..., B); (M50)."""
         return steering(self.agent_element_m, aoa_rad, self.wavelength_m)
+
+
+def plane_of(element_m: Array) -> Array:
+    """Columns (n, 3) of which planes over an array's places (n, 2) are made."""
+    return np.column_stack([np.ones(len(element_m)), element_m])
 
 
 def steering(element_m: Array, angle_rad: Array | float, wavelength_m: float) -> Complex:

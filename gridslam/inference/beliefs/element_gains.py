@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, squared
-from gridslam.world.waveform import Waveform
+from gridslam.world.waveform import Waveform, plane_of
 
 Complex = NDArray[np.complex128]
 KEEP = 0.99
@@ -90,15 +90,11 @@ class ElementGains:
 
         Of few elements hardly anything is left: then it is what cables mostly do.
         """
-        places = [*waveform.anchor_element_m, waveform.agent_element_m]
         squares = sum(float(np.square(np.angle(factor)).sum()) for factor in (self.anchor, self.agent))
-        left = sum(len(place) - np.linalg.matrix_rank(plane_of(place)) for place in places)
-        return (squares + GUESSED * PHASE_STD**2) / (int(left) + GUESSED)
+        return (squares + GUESSED * PHASE_STD**2) / (waveform.phases_beyond_planes + GUESSED)
 
-    def of(self, anchor: int) -> Complex | None:
-        """By what the samples of an anchor's pairs of elements (A, B) are to be divided; None: by nothing."""
-        if not self.size:
-            return None
+    def of(self, anchor: int) -> Complex:
+        """By what the samples of an anchor's pairs of elements (A, B) are to be divided."""
         own, carried = _audible(self.anchor[anchor]), _audible(self.agent)
         return np.asarray(own[:, None] * carried)
 
@@ -147,11 +143,6 @@ def _audible(factor: Complex) -> Complex:
     """Factors that are no smaller than `FAINTEST`, of the same phases."""
     size = np.abs(factor)
     return np.asarray(factor * np.maximum(size, FAINTEST) / np.maximum(size, 1e-12))
-
-
-def plane_of(element: Array) -> Array:
-    """Columns (n, 3) of which planes over an array's places (n, 2) are made."""
-    return np.column_stack([np.ones(len(element)), element])
 
 
 def level(factor: Complex, element: Array) -> Complex:

@@ -54,7 +54,7 @@ def turn_followed(
 def held_at_least(
     population: Population[Turning], variance: float, model: FilterModel
 ) -> Population[Turning]:
-    """The same with the turn about the only anchor held out whatever a scan holds, (M566), (M568).
+    """A population with the turn about the only anchor held out whatever a scan holds, (M566), (M568).
 
     Departures tell it no better than with `variance` (rad^2).
     """
@@ -68,7 +68,7 @@ def held_at_least(
 def turn_of_all(
     population: Population[NetworkState], scan: NetworkScan, model: NetworkModel
 ) -> Population[NetworkState]:
-    """The same before a scan of several agents, which turn together about the only anchor there is.
+    """The population before a scan of several agents, which turn together about the only anchor there is.
 
     Those alone that have been there: what is told of the others' starts is of no turn of theirs. When one
     joins, the turn is put back, and that of all held out.
@@ -84,8 +84,8 @@ def turn_of_all(
             state = replace(put_back(state, model.agents[0]), turn_variance=None, turning=turning)
         states.append(state)
     population, own = changed(population, states=tuple(states)), model.agents[0]
-    if told and own.turn_variance:
-        return held_at_least(population, own.turn_variance, own)
+    if told and own.mounting_variance:
+        return held_at_least(population, own.mounting_variance, own)
     return _followed(population, told, own, 0)
 
 

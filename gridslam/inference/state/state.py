@@ -148,6 +148,11 @@ class State:
         return replace(self, belief=belief, parked=parked)
 
     @property
+    def factors(self) -> ElementGains | None:
+        """Factors of antenna elements, (M565); None unless samples tell beyond doubt that some are off."""
+        return self.elements if self.elements is not None and self.elements.size else None
+
+    @property
     def every_line(self) -> Array:
         """Mean lines of all surfaces, (S + P, 2): those in the belief, then those that are parked."""
         own = self.belief.lines

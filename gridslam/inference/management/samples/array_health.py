@@ -30,5 +30,5 @@ def lines_of_sight(
 
 def with_elements(info: StepInfo, state: State) -> StepInfo:
     """What happened at a step, with how far antenna elements are from what the recording says of them."""
-    size = 0.0 if state.elements is None else state.elements.size
+    size = state.factors.size if state.factors else 0.0
     return replace(info, health=replace(info.health, elements=size)) if size else info

@@ -22,15 +22,14 @@ def turn_held(
     departs = any(len(element) > 1 for element in model.waveform.anchor_element_m)
     if not (sole and departs) or population.searching:
         return turn_followed(population, not sole, model)
-    hidden = hidden_turn(population.best, model, work) + model.turn_variance
+    hidden = hidden_turn(population.best, model, work) + model.mounting_variance
     return held_at_least(population, hidden, model) if hidden else turn_followed(population, True, model)
 
 
 def hidden_turn(state: State, model: SignalModel, work: Workspace) -> float:
     """Variance (rad^2) of the turn that errors of the only anchor's elements pass for, (M566)."""
-    elements = state.elements
-    if elements is None or not elements.size:
+    if not state.factors:
         return 0.0
     band: ArrayBand = work.buffers(ArrayBand.of, 0, model.waveform, 0)
     extent = len(band.anchor) * float(band.steepness[1]) ** 2
-    return elements.phase_variance(model.waveform) / extent if extent else 0.0
+    return state.factors.phase_variance(model.waveform) / extent if extent else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -149,16 +150,17 @@ def surest_first(state: State, scan: SignalScan, model: SignalModel) -> list[int
 
 def without_factors(state: State, samples: Complex, anchor: int) -> tuple[Complex, Complex | None]:
     """An anchor's samples (A, B, M) with its elements' factors (A, B) taken out, and these, (M565)."""
-    factor = None if state.elements is None else state.elements.of(anchor)
-    return (samples, None) if factor is None else (samples / factor[..., None], factor)
+    if state.factors is None:
+        return samples, None
+    factor = state.factors.of(anchor)
+    return samples / factor[..., None], factor
 
 
 def array_errors(state: State, anchor: int, model: SignalModel) -> ArrayErrors | None:
     """What turns the paths of an anchor's snapshots, (M567), (M568); None if nothing is known to."""
-    used = state.elements is not None and state.elements.size > 0
-    phase = float(np.sqrt(state.elements.phase_variance(model.waveform))) if state.elements and used else 0.0
-    held = state.turn_variance is not None  # all turns with the anchor
-    errors = ArrayErrors(phase, 0.0 if held else float(model.orientation_std[anchor]))
+    phase = math.sqrt(state.factors.phase_variance(model.waveform)) if state.factors else 0.0
+    turns = state.turn_variance is None  # or all turns with the anchor
+    errors = ArrayErrors(phase, float(model.orientation_std[anchor]) if turns else 0.0)
     return errors if any(errors) else None
 
 
