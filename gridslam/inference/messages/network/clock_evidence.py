@@ -88,8 +88,6 @@ def agent_evidence(
         level = _unknown(paths.scan.label, caused, model.radio)
         lines_of_sight = one_per_anchor(paths.rays, len(sought))
         if lines_of_sight is not None:
-            if not len(of_set):  # then all that open ones may have caused counts, lines of sight included
-                over_walls = caused
             sights = _sights(paths, lines_of_sight, over_walls, level)
             draw = np.random.default_rng([work.seed, bare.step, PURPOSE])
             total += sight_votes(bare.belief, sights, paths.scan, model, sought, known, mass, centre, draw)
