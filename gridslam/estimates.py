@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -70,6 +70,23 @@ class Health:
     elements: float = 0.0
 
 
+class AnchorEstimate(NamedTuple):
+    """How an anchor is believed to stand.
+
+    Attributes
+    ----------
+    position_m : (2,) float64
+    position_std_m : float
+        Deviation of the place, sqrt(var x + var y).
+    orientation_rad, orientation_std_rad : float
+    """
+
+    position_m: np.ndarray
+    position_std_m: float
+    orientation_rad: float
+    orientation_std_rad: float
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """What a filter believes after one step. `of_pose` makes one of the few things that it has to hold.
@@ -105,6 +122,8 @@ class Estimate:
         Height and its deviation, m, of "agent", "floor" and "ceiling", where the scene gives deviations.
     coefficients : dict
         Coefficient and its deviation of "floor" and "ceiling", where the scene gives deviations.
+    anchors : dict
+        How each anchor stands, an `AnchorEstimate` by name, where the scene gives deviations of places.
     rings : RingEstimate
         Images whose place isn't known yet, of the first hypothesis (direct SLAM; else no rows).
     """
@@ -125,6 +144,7 @@ class Estimate:
     heights: dict[str, tuple[float, float]] = field(default_factory=dict)
     rings: RingEstimate = field(default_factory=RingEstimate.empty)
     coefficients: dict[str, tuple[float, float]] = field(default_factory=dict)
+    anchors: dict[str, AnchorEstimate] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """One line."""

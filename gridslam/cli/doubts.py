@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -123,19 +124,27 @@ def radio_notes(world: Scene) -> list[str]:
     return [f"suspect: {found}" for found in implausible_radio(world)]
 
 
-def height_notes(runs: Sequence[Run]) -> list[str]:
-    """Heights and coefficients of levels that were estimated, as believed at the end."""
+def found_notes(runs: Sequence[Run]) -> list[str]:
+    """What the scene gives with deviations, as believed at the end: coefficients, heights, anchors."""
     levels = [
         f"{done.agent}: coefficient of the {name} {found:.2f} +-{std:.2f}"
         for done in runs
         for name, (found, std) in (done.estimates[-1].coefficients if done.estimates else {}).items()
     ]
-    return levels + [
+    heights = [
         f"{done.agent}: height of {'the agent' if name == 'agent' else f'the {name}'} "
         f"{height:.3f} m +-{std:.3f}"
         for done in runs
         for name, (height, std) in (done.estimates[-1].heights if done.estimates else {}).items()
     ]
+    anchors = [
+        f"{done.agent}: anchor {name} stands at ({one.position_m[0]:.2f}, {one.position_m[1]:.2f}) m "
+        f"+-{one.position_std_m:.2f}, turned to {math.degrees(one.orientation_rad):.1f} "
+        f"+-{math.degrees(one.orientation_std_rad):.1f} degrees"
+        for done in runs
+        for name, one in (done.estimates[-1].anchors if done.estimates else {}).items()
+    ]
+    return levels + heights + anchors
 
 
 def jolt_notes(world: Scene, runs: Sequence[Run]) -> list[str]:

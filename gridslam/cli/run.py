@@ -15,7 +15,7 @@ from gridslam.cli.asked import Asked, RunOptions
 from gridslam.cli.doubts import (
     element_notes,
     fit_notes,
-    height_notes,
+    found_notes,
     jolt_notes,
     map_notes,
     radio_notes,
@@ -192,7 +192,7 @@ def _concluded(
 
     world, file = asked.world, plan.first
     notes = [
-        lambda: radio_notes(world) + height_notes(runs) + element_notes(runs) + jolt_notes(world, runs),
+        lambda: radio_notes(world) + found_notes(runs) + element_notes(runs) + jolt_notes(world, runs),
         lambda: map_notes(given, runs[-1].map, asked.map_file) + whole_walls_notes(runs),
         lambda: silence_notes(world, given, runs, observations, asked.map_file),
     ]

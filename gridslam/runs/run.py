@@ -10,7 +10,7 @@ import numpy as np
 
 from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate
-from gridslam.estimates import Estimate
+from gridslam.estimates import AnchorEstimate, Estimate
 from gridslam.maps.map import Map
 from gridslam.runs.summary import AGENT, MAP, blank
 from gridslam.wording import counted
@@ -197,6 +197,8 @@ class Run:
             scores["heights"] = self._heights(isinstance(truth, Truth), track)
         if self.estimates and self.estimates[-1].coefficients:
             scores["coefficients"] = self._coefficients(isinstance(truth, Truth))
+        if self.estimates and self.estimates[-1].anchors:
+            scores["anchors"] = {name: _stands(one) for name, one in self.estimates[-1].anchors.items()}
         if track is not None and len(self.trajectory):
             position, heading = track_errors(self.trajectory, track)
             claimed = self.covariance[:, :2, :2]
@@ -266,3 +268,13 @@ class Run:
             return truth
         require_same_world(self.scene, self.agent, self.trajectory.time_s, truth)
         return truth.trajectory
+
+
+def _stands(anchor: AnchorEstimate) -> dict[str, float]:
+    """How an anchor stands, in the units of scenes."""
+    return {
+        "x_m": float(anchor.position_m[0]), "y_m": float(anchor.position_m[1]),
+        "position_std_m": anchor.position_std_m,
+        "orientation_deg": float(np.degrees(anchor.orientation_rad)),
+        "orientation_std_deg": float(np.degrees(anchor.orientation_std_rad)),
+    }  # fmt: skip

@@ -158,6 +158,11 @@ AGENT = (
            "it is known"),
     _rms("coefficients.WHAT.std", "1", "its deviation", "it is known"),
     Entry("coefficients.WHAT.error", "1", "its error", "truth not known", -1, 1),
+    Entry("anchors.WHAT.x_m", "m", "where an anchor stands as believed at the end", "it is known"),
+    Entry("anchors.WHAT.y_m", "m", "the same", "it is known"),
+    _rms("anchors.WHAT.position_std_m", "m", "its deviation, sqrt(var x + var y)", "it is known"),
+    Entry("anchors.WHAT.orientation_deg", "deg", "how it is turned, likewise", "it is known"),
+    _rms("anchors.WHAT.orientation_std_deg", "deg", "its deviation", "it is known"),
 )  # fmt: skip
 """Scores of an agent, see `gridslam.runs.run.Run.score`."""
 NETWORK = (

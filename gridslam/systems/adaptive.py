@@ -15,6 +15,7 @@ from gridslam.inference.management.no_mirrors import drop_no_mirrors
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.representation import representation_of
 from gridslam.inference.management.step_info import StepInfo, conclude
+from gridslam.inference.messages.anchor_frames import back_in_scene, seen_from, with_mountings
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
@@ -36,6 +37,7 @@ from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
 from gridslam.inference.messages.updates import Exchange, in_turn
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.leftovers import Leftovers
+from gridslam.inference.state.arrangement import mountings_followed
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -51,7 +53,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
         State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none(),
         levels=inherit_levels(model, prior), unexplained=none_yet(model),
     )  # fmt: skip
-    return state if prior is None else inherit_surfaces(state, prior)
+    return with_mountings(state if prior is None else inherit_surfaces(state, prior), model)
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
@@ -60,11 +62,14 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     exchanges, earlier_s, representation = list[Exchange](), state.time_s, representation_of(state, model)
     state = representation.predict(state, scan.time_s, len(scan), model, work=work)
     calibration_used = state.calibration
-    model = work.calibrated(with_levels(model, state.levels), calibration_used.turned, state.belief.higher)
+    model = work.calibrated(
+        with_levels(model, state.levels), calibration_used.turned, state.belief.higher, state.aside
+    )
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)
     recalled = state = representation.recall(state, model, work=work)  # docs/model.md, section 9
     for anchor_scan in scans.surest_first:
+        state = framed = seen_from(state, anchor_scan.anchor, model)  # (M569)
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths = representation.predict_paths(  # eqs. (13), (14)
             state, anchor_scan.anchor, model, work=work
@@ -99,14 +104,16 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, births, anchor_scan, exchange, radio, model, work=work
         )
         state = start_amplitudes(state, born, anchor_scan, model.radio)
+        state = back_in_scene(framed, state, anchor_scan.anchor, model)
         exchanges.append(exchange)
-    exchanges = in_turn(exchanges)
+    exchanges, measured = in_turn(exchanges), state
     state = learn_surface_walks(recalled, state)  # (M361)
     state = drop_no_mirrors(state, model, work=work)  # (M517), (M548)
     state = spare_unseen(recalled, state, model)  # (M495)
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs
     )  # docs/model.md, section 9
+    state = mountings_followed(measured, state)  # (M569)
     state = representation.park(recalled, state, model, work=work)
     unclaimed_rows = unclaimed(exchanges)
     state = remember_leftovers(state, scans, unclaimed_rows, model, work=work)
@@ -143,5 +150,6 @@ class AdaptiveSlam(SurfaceFilter):
     by_particles = True
     over_levels = True
     finds_heights = True
+    finds_places = True
     start = staticmethod(start)
     advance = staticmethod(step)

@@ -16,6 +16,7 @@ from gridslam.inference.management.no_mirrors import drop_no_mirrors
 from gridslam.inference.management.samples.array_starts import advance_population, begun
 from gridslam.inference.management.samples.open_turn import turn_held
 from gridslam.inference.management.step_info import StepInfo, conclude
+from gridslam.inference.messages.anchor_frames import as_believed, back_in_scene, seen_from
 from gridslam.inference.messages.cells import cast_messages, cast_paths, update_cells
 from gridslam.inference.messages.faint_births import remember_leftovers
 from gridslam.inference.messages.motion import predict
@@ -41,6 +42,7 @@ from gridslam.inference.messages.samples.heard_bounces import HeardBounces, weig
 from gridslam.inference.messages.samples.line_evidence import add_faint_surfaces, gather_evidence
 from gridslam.inference.messages.samples.measured_heading import measure_heading
 from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.state.arrangement import mountings_followed
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -61,8 +63,9 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
     exchanges = [SnapshotExchange.silent(anchor) for anchor in range(len(model.anchors))]
     state = predict(state, scan.time_s, len(scan), model)
     calibration_used = state.calibration
-    model = work.calibrated(model, calibration_used.turned)
+    model = work.calibrated(model, calibration_used.turned, aside=state.aside)
     for anchor in surest_first(state, scan, model):
+        state = framed = seen_from(state, anchor, model)  # (M569)
         state = start_noise(state, anchor, scan, model)
         radio = calibration_used.tuned(model.radio, anchor)
         paths, visible = cast_paths(state, anchor, model, work=work)  # (M36)
@@ -76,10 +79,11 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         state = learn_noise(state, anchor, likelihood)
         state, new = add_new_surfaces(state, snapshot, likelihood, model, work=work)  # (M154), (M516)
         state = gather_evidence(state, snapshot, likelihood, model, work=work)  # (M157)
+        state = back_in_scene(framed, state, anchor, model)
         exchanges[anchor] = exchange_of(snapshot, likelihood, model)
         listened.append((snapshot, likelihood))
         left.append(new)
-    state = learn_elements(state, listened, model)  # (M565)
+    measured = state = learn_elements(state, listened, model)  # (M565)
     state = measure_heading(state, scan, model)  # (M519)
     state = add_faint_surfaces(state, listened, model, work=work)  # (M158)
     if listened:
@@ -89,6 +93,7 @@ def step(state: State, scan: SignalScan, model: SignalModel, work: Workspace) ->
         state = remember_leftovers(state, left, np.ones(sum(map(len, left)), bool), model, work=work)
     state = drop_no_mirrors(state, model, work=work)  # (M517), (M548)
     state = merge_and_prune(state, model, by_ratio=True)
+    state = mountings_followed(measured, state)  # (M569)
     return conclude(state, exchanges, calibration_used, model, work)
 
 
@@ -135,6 +140,7 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
 
     method = "direct_grid"
     keeps_grid = True
+    finds_places = True
     start = staticmethod(grid.start)
     advance = staticmethod(step)
 
@@ -147,8 +153,9 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
         return begun(state)
 
     def _advanced(self, scan: SignalScan) -> tuple[Population[State], StepInfo]:
-        believed = turn_held(self.population, scan, self.model, self.work)
-        return advance_population(believed, scan, self.model, self.work, self.start, self.advance)
+        model = as_believed(self.model, self.state)
+        believed = turn_held(self.population, scan, model, self.work)
+        return advance_population(believed, scan, model, self.work, self.start, self.advance)
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

@@ -27,6 +27,7 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.observation import Kind, Observation
 from gridslam.world.scan import Scan, require_step
 from gridslam.world.scene import Scene
+from gridslam.world.scene_derived import require_known_places
 from gridslam.world.signal_scan import SignalScan
 from gridslam.world.start import require_scene, require_seed
 
@@ -77,6 +78,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     over_levels: ClassVar[bool] = False
     """Whether paths over floor and ceiling have a place in it."""
     finds_heights: ClassVar[bool] = False
+    finds_places: ClassVar[bool] = False
     """Whether it estimates heights that a scene gives with deviations."""
     truth_given: ClassVar[str] = ""
     """What of the truth a reference is told; its map says so, and maps that go on from it."""
@@ -99,6 +101,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             scene.require_walls_alone(self.method)
         if not self.finds_heights or asked == "particles":
             scene.require_known_heights(f"{self.method} by particles" if self.finds_heights else self.method)
+        if not self.finds_places or asked == "particles" or not scene.filter.correlated:
+            require_known_places(scene.name, scene.anchors, self.method)
         self.scene, self.seed = scene, seed
         self.model = self._model(self._about_middle(scene.filter_model(agent)))
         self.agent = self.model.agent

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +12,7 @@ import numpy as np
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SurfaceEstimate
-from gridslam.estimates import Estimate
+from gridslam.estimates import AnchorEstimate, Estimate
 from gridslam.inference.beliefs.belief import append, lines_covariance, with_lines
 from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.management.early_arrivals import watched_arrivals
@@ -23,6 +24,7 @@ from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.sole_sight import as_far_as_told
 from gridslam.inference.management.step_info import StepInfo
+from gridslam.inference.messages.anchor_frames import with_common_turn
 from gridslam.inference.messages.level_coefficients import level_means, with_levels
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.scans.unsure_orientations import as_sure_as_anchors
@@ -118,7 +120,8 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and what was handed down or is left over."""
-        state = unparked(put_back(self.state, self.model))  # without the ring's depth: it hangs together
+        # without a ring's depth: it hangs together
+        state = unparked(with_common_turn(put_back(self.state, self.model)))
         table = surface_estimate(state, work=self.work)
         found = detected(table.existence, self.model.settings)
         joint = lines_covariance(state.belief, found)
@@ -151,7 +154,9 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
         population = all_with_turn(believed, self.model)
         state = population.best
-        model = self.work.calibrated(with_levels(self.model, state.levels), info.turned, state.belief.higher)
+        model = self.work.calibrated(
+            with_levels(self.model, state.levels), info.turned, state.belief.higher, state.aside
+        )
         mean, covariance = agent_moments(population)
         at_1m = model.radio.amplitude_at_1m * info.gain
         table, paths = estimates(state, model, at_1m, self._strength(state), work=self.work)
@@ -160,7 +165,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
             covariance, table, paths,
             detected(table.existence, model.settings), info.health.effective_sample_size,
             time.perf_counter() - began, info.health, described(population), self._heights(state),
-            coefficients=self._coefficients(state),
+            coefficients=self._coefficients(state), anchors=self._anchors(state),
         )  # fmt: skip
         return moved_estimate(near, self.model.origin_m)
 
@@ -170,6 +175,18 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
             return {}
         found = zip(self.model.level_names, *level_means(state.levels), strict=True)
         return {name: (float(mean), float(std)) for name, mean, std in found if mean > 0}
+
+    def _anchors(self, state: State) -> dict[str, AnchorEstimate]:
+        """How anchors stand that the scene gives deviations of, as believed."""
+        if state.mountings is None:
+            return {}
+        aside, std = state.mountings.aside, state.mountings.in_scene(self.model)
+        facing = wrap(self.scene.anchor_orientations + aside[:, 2])
+        places = self.scene.anchor_positions + aside[:, :2]
+        return {
+            name: AnchorEstimate(place, math.hypot(*own[:2]), float(turn), float(own[2]))
+            for name, place, turn, own in zip(self.model.anchor_names, places, facing, std, strict=True)
+        }
 
     def _heights(self, state: State) -> dict[str, tuple[float, float]]:
         """Heights that the scene gives with deviations, as believed, and their deviations, m."""
@@ -203,7 +220,8 @@ class SurfaceFilter(SurfaceFront[Scan]):
     def _advanced(self, scan: Scan) -> tuple[Population[State], StepInfo]:
         believed = self.population
         if len(scan):
-            scan = as_sure_as_anchors(scan, self.model)  # (M568)
+            if self.state.mountings is None:
+                scan = as_sure_as_anchors(scan, self.model)  # (M568)
             believed, scan = as_far_as_told(believed, scan, self.model, self.work)  # (M514)
         if self._branches(self.state):
             after, info = advance_population(believed, scan, self.model, self.work, self.start, self.advance)

@@ -16,6 +16,7 @@ from gridslam.inference.management.passed_through import doubt_passed
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.representation import representation_of
 from gridslam.inference.management.step_info import StepInfo, conclude
+from gridslam.inference.messages.anchor_frames import back_in_scene, seen_from, with_mountings
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.cells import cast_messages, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
@@ -33,6 +34,7 @@ from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
 from gridslam.inference.messages.updates import Exchange, in_turn
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.leftovers import Leftovers
+from gridslam.inference.state.arrangement import mountings_followed
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -55,9 +57,9 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
         unexplained=none_yet(model),
     )  # fmt: skip
     if prior is None:
-        return replace(state, grid=Grid.empty(model.grid.shape))
+        return with_mountings(replace(state, grid=Grid.empty(model.grid.shape)), model)
     grid = Grid.inherited(prior.evidence, prior.observed, prior.coefficient)
-    return replace(inherit_surfaces(state, prior), grid=grid)
+    return with_mountings(replace(inherit_surfaces(state, prior), grid=grid), model)
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:
@@ -66,11 +68,14 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     exchanges, earlier_s, representation = list[Exchange](), state.time_s, representation_of(state, model)
     state = representation.predict(state, scan.time_s, len(scan), model, work=work)  # eqs. (4), (5), (12)
     calibration_used = state.calibration
-    model = work.calibrated(with_levels(model, state.levels), calibration_used.turned, state.belief.higher)
+    model = work.calibrated(
+        with_levels(model, state.levels), calibration_used.turned, state.belief.higher, state.aside
+    )
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
     recalled = state = representation.recall(state, model, work=work)  # docs/model.md, section 9
     for anchor_scan in scans.surest_first:  # eqs. (6), (7): each begins with what the one before it left
+        state = framed = seen_from(state, anchor_scan.anchor, model)  # (M569)
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths, visible = representation.cast_paths(  # eqs. (1), (13), (14)
             state, anchor_scan.anchor, model, work=work
@@ -99,8 +104,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state, exchange, _ = representation.add_births(  # (M33), (M34)
             state, births, anchor_scan, exchange, radio, model, work=work
         )
+        state = back_in_scene(framed, state, anchor_scan.anchor, model)
         exchanges.append(exchange)
-    exchanges = in_turn(exchanges)
+    exchanges, measured = in_turn(exchanges), state
     # in `work`: what every update noted of its paths, and what `cast_messages` adds up for the cells
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)  # (M42)
@@ -112,6 +118,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs
     )  # section III-F
+    state = mountings_followed(measured, state)  # (M569)
     state = representation.park(recalled, state, model, work=work)  # docs/model.md, section 9
     unclaimed_rows = unclaimed(exchanges)
     state = remember_leftovers(state, scans, unclaimed_rows, model, work=work)
@@ -145,6 +152,7 @@ class GridSlam(SurfaceFilter):
     by_particles = True
     over_levels = True
     finds_heights = True
+    finds_places = True
     start = staticmethod(start)
     advance = staticmethod(step)
 

@@ -21,19 +21,19 @@ from gridslam.inference.messages.ray_amplitudes import AmplitudeModel
 from gridslam.inference.messages.surface_walk import LEAST, WIDEST
 from gridslam.inference.scans.anchor_measurements import LEAST_STD
 from gridslam.inference.scans.leftovers import LEAST_EVIDENCE, MOST_EVIDENCE, REFLECTIONS
-from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.rings import BEARINGS, MOVING
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import ANGLES, FORMS, SurfaceBank
 from gridslam.io.covariances import is_information
+from gridslam.systems.linked_soundness import claims_of_mountings, claims_of_parked
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.radio import BINS
 from gridslam.world.signal_model import SignalModel
 
 Shape = tuple[int, ...]
-MOST_HYPOTHESES, MOST_PARKED = 1000, 2000
+MOST_HYPOTHESES = 1000
 SLACK = 1e-6
 """By which sums of probabilities may be off."""
 
@@ -256,28 +256,11 @@ def _are_covariances(*triples: Array) -> bool:
     return bool((parts[[0, 2]] >= 0).all() and (parts[1] ** 2 <= slack * parts[0] * parts[2]).all())
 
 
-def _claims_of_parked(state: State, anchors: int) -> list[tuple[str, bool, str]]:
-    """What must hold of parked surfaces: others than those of the belief, and with it one Gaussian."""
-    parked = state.parked
-    if parked is None:
-        return []
-    every = [*state.surfaces.identity.tolist(), *parked.surfaces.identity.tolist()]
-    joint = unparked(state).belief.covariance
-    scale = np.sqrt(np.maximum(np.diagonal(joint), 0))
-    scale[scale == 0] = 1.0
-    least = np.linalg.eigvalsh(joint / np.outer(scale, scale)).min(initial=0)
-    return [
-        ("parked", 0 < len(parked) <= MOST_PARKED, f"1 to {MOST_PARKED} surfaces"),
-        ("parked/surfaces/identity", len(set(every)) == len(every), "a number for each surface"),
-        ("next_identity", state.next_identity > max(every), "above all identities"),
-        ("parked/cross", bool(least > -SLACK), "covariances with the belief that are possible"),
-        *claims_of_bank(parked.surfaces, "parked/surfaces", anchors),
-    ]
-
-
 def _claims_of_parts(state: State, model: FilterModel) -> list[tuple[str, bool, str]]:
     """What must hold of the parts that not every system keeps."""
-    claims = _claims_of_parked(state, len(model.anchors))
+    claims = claims_of_parked(state) + claims_of_mountings(state, model)
+    if state.parked is not None:
+        claims += claims_of_bank(state.parked.surfaces, "parked/surfaces", len(model.anchors))
     anchors, grid, rings = len(model.anchors), state.grid, state.rings
     if state.noise is not None:
         claims.append(("noise", _within(state.noise, 0, np.inf), "0 or more"))

@@ -57,8 +57,10 @@ class FilterModel:
         What the levels are: "floor", "ceiling".
     origin_m : (2,) float64
         Where the origin of all positions lies in the scene, m.
-    orientation_std : (senders,) float64
-        Deviations of the anchors' orientations (rad), (M568).
+    mounting_std : (senders, 2) float64
+        Deviations of the anchors' places (m, of x and y each) and orientations (rad), (M568), (M569).
+    aside : (senders, 3) float64, optional
+        How they are believed to stand otherwise, dx, dy (m) and turn (rad): `anchors` has that in.
     """
 
     scene: str
@@ -78,7 +80,8 @@ class FilterModel:
     level_prior: Array | None = field(default=None, kw_only=True)
     level_names: tuple[str, ...] = field(default=(), kw_only=True)
     origin_m: Array = field(default_factory=lambda: fixed(np.zeros(2)), kw_only=True)
-    orientation_std: Array = field(kw_only=True)
+    mounting_std: Array = field(kw_only=True)
+    aside: Array | None = field(default=None, kw_only=True)
 
     @property
     def senders(self) -> int:
@@ -105,6 +108,22 @@ class FilterModel:
             believed = stated + np.where(self.rise >= 0, self.higher[self.rise], 0.0)
             rise = np.where(self.rise >= 0, self.rise, FIXED).astype(np.float64)
         return fixed(np.column_stack([self.anchors, believed, stated, rise]))
+
+    @property
+    def orientation_std(self) -> Array:
+        """Deviations of the anchors' orientations, (senders,) rad."""
+        return self.mounting_std[:, 1]
+
+    @property
+    def unsure(self) -> NDArray[np.bool_]:
+        """Of which anchors it isn't known how they stand, (senders,)."""
+        return np.asarray((self.mounting_std > 0).any(1))
+
+    @property
+    def place_stds(self) -> tuple[float, ...]:
+        """Deviations of the anchors' places, (senders,) m; none if all are known."""
+        own = self.mounting_std[:, 0]
+        return tuple(own.tolist()) if own.any() else ()
 
     @property
     def mounting_variance(self) -> float:
@@ -134,16 +153,25 @@ class FilterModel:
         """
         return self.settings.births / (4 * np.pi * self.radius_m)
 
-    def calibrated(self, turns: Array, higher: Array) -> Self:
+    def calibrated(self, turns: Array, higher: Array, aside: Array | None = None) -> Self:
         """The same with its anchors turned by (senders,) rad, their images with them, and rises of (G,) m.
 
         The same object where that changes nothing.
+
+        Parameters
+        ----------
+        aside : (senders, 3), optional
+            How anchors stand otherwise than is told beside, see the attribute.
         """
-        orientation = wrap(self.anchor_orientations + np.resize(turns, len(self.anchors)))
-        if np.array_equal(orientation, self.anchor_orientations) and np.array_equal(higher, self.higher):
+        turned = np.column_stack([np.zeros((len(turns), 2)), turns])
+        so_far = 0.0 if self.aside is None else self.aside
+        moved = np.resize(turned if aside is None else turned + aside - so_far, self.anchors.shape)
+        if not moved.any() and np.array_equal(higher, self.higher):
             return self
-        anchors = fixed(np.column_stack([self.anchor_positions, orientation]))
-        return replace(self, anchors=anchors, higher=fixed(higher.copy()))
+        anchors = self.anchors + moved
+        anchors[:, 2] = wrap(anchors[:, 2])
+        model = replace(self, anchors=fixed(anchors), higher=fixed(higher.copy()))
+        return model if aside is None else replace(model, aside=fixed(aside.copy()))
 
 
 def detected(existence: Array, settings: FilterSettings) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from gridslam.world.levels import Level, Verticals, check_heights, verticals_of
 from gridslam.world.names import Label
 from gridslam.world.radio import RadioModel
 from gridslam.world.scene_checks import Room, check_clocks, check_names, check_places
-from gridslam.world.scene_derived import orientation_std_of, segments_of, start_prior, track_of
+from gridslam.world.scene_derived import mounting_std_of, segments_of, start_prior, track_of
 from gridslam.world.scene_files import scene_tables, scene_text
 from gridslam.world.scene_parts import (
     Agent,
@@ -313,7 +313,7 @@ class Scene(Strict):
             self.grid, self.filter, fixed(mean), fixed(variance),
             np.repeat(ways.rise, len(self.anchors)), fixed(ways.rise_variance),
             fixed(np.zeros(len(ways.rise_variance))), level_prior=ways.coefficient,
-            level_names=tuple(self.levels), orientation_std=fixed(orientation_std_of(self.anchors)),
+            level_names=tuple(self.levels), mounting_std=fixed(mounting_std_of(self.anchors)),
         )  # fmt: skip
 
     def segments(self) -> Segments:

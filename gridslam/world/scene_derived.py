@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.errors import InputError
 from gridslam.world.geometry import Segments, surfaces_of
 from gridslam.world.scene_parts import Agent, Anchor, Wall
 from gridslam.world.trajectory import Trajectory
@@ -55,9 +56,25 @@ def surface_names(walls: Sequence[Wall], pieces: Segments) -> list[str]:
     ]
 
 
-def orientation_std_of(anchors: Sequence[Anchor]) -> Array:
-    """Deviations of the anchors' orientations, (J,) rad."""
-    return np.radians([anchor.orientation_std_deg for anchor in anchors])
+def mounting_std_of(anchors: Sequence[Anchor]) -> Array:
+    """Deviations of the anchors' places (m) and orientations (rad), (J, 2)."""
+    each = [(anchor.position_std_m, np.radians(anchor.orientation_std_deg)) for anchor in anchors]
+    return np.array(each).reshape(-1, 2)
+
+
+def require_known_places(scene: str, anchors: Sequence[Anchor], method: str) -> None:
+    """Refuse places of anchors with deviations, for a method that takes them as they are.
+
+    Raises
+    ------
+    InputError
+        That of an anchor has one.
+    """
+    for number, anchor in enumerate(anchors):
+        if anchor.position_std_m:
+            where, found = f"{scene}: anchors[{number}].position_std_m", f"{anchor.position_std_m:g}"
+            allowed = "0, or grid, adaptive or direct grid SLAM by correlated Gaussians, which find places"
+            raise InputError(where, f"{found}, for {method}", allowed)
 
 
 @lru_cache(maxsize=64)

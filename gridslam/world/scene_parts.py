@@ -218,6 +218,7 @@ class Anchor(Strict, table="[[anchors]]"):
     position_m: Place
     orientation_deg: Degree = 0.0
     orientation_std_deg: float = Field(0.0, ge=0, le=30)
+    position_std_m: float = Field(0.0, ge=0, le=2)
     array: ArraySpec | None = None
     clock: Clock | None = None
 

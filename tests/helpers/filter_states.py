@@ -30,7 +30,7 @@ def model_of(scene="room", anchors=None, radio=None, **settings):
             anchors=whole[:, :3],
             anchor_heights=whole[:, 3],
             anchor_names=tuple(map(str, range(len(anchors)))),
-            orientation_std=np.zeros(len(anchors)),
+            mounting_std=np.zeros((len(anchors), 2)),
         )
     return model if radio is None else replace(model, radio=radio)
 

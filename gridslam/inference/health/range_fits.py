@@ -170,13 +170,19 @@ def things(looks: Sequence[int], heights: bool) -> Iterator[Thing]:
         yield Thing((errors_of(anchors) - 1,))
 
 
-def fitted(gaps: Gaps, thing: Thing) -> tuple[Fit, Array]:
-    """The fit of something that may be wrong, turns left open, and the errors (P,) that it comes to."""
-    shape, prior = _shape(len(gaps.vector), thing)
+def fitted(gaps: Gaps, thing: Thing, place_std: tuple[float, ...] = ()) -> tuple[Fit, Array]:
+    """The fit of something that may be wrong, turns left open, and the errors (P,) that it comes to.
+
+    Parameters
+    ----------
+    place_std : tuple of float, J
+        Deviations of the anchors' places (m): shifts that these allow for are no news; none: all are known.
+    """
+    shape, prior = _shape(len(gaps.vector), thing, place_std)
     pull = shape @ gaps.vector
     size = np.linalg.solve(shape @ gaps.information @ shape.T + prior, pull)
     if thing.is_height(len(gaps.vector)) and size[0] < 0:  # no height has such a square: none at all
-        fit, errors = fitted(gaps, Thing(()))
+        fit, errors = fitted(gaps, Thing(()), place_std)
         return Fit(thing, fit.misfit, (0.0,)), errors
     own = (1 if thing.alike else len(thing.columns)) if thing.columns else 0
     return Fit(thing, gaps.total - float(pull @ size), tuple(size[:own].tolist())), shape.T @ size
@@ -246,10 +252,16 @@ def _open(anchors: int) -> Array:
 
 
 @lru_cache(256)
-def _shape(size: int, thing: Thing) -> tuple[Array, Array]:
-    """What of P entries one thing that may be wrong moves, turns beside it, (D, P), and its prior (D, D)."""
-    turns = np.eye(size)[size // 4 : size // 2]
-    own = np.eye(size)[list(thing.columns)].reshape(-1, size)
-    shape = np.concatenate([own.sum(0, keepdims=True) if thing.alike else own, turns])
-    prior = np.diag([1e-9] * (len(shape) - len(turns)) + [TURN_RAD**-2] * len(turns))
-    return fixed(shape), fixed(prior)
+def _shape(size: int, thing: Thing, place_std: tuple[float, ...]) -> tuple[Array, Array]:
+    """What of P entries one thing that may be wrong moves, turns and told shifts beside it, (D, P), and its
+    prior (D, D)."""
+    anchors, each = size // 4, np.eye(size)
+    own = each[list(thing.columns)].reshape(-1, size)
+    unsure = [j for j, std in enumerate(place_std) if std > 0]
+    shifts = [column for j in unsure for column in shift_of(j, anchors)]
+    shape = np.concatenate([
+        own.sum(0, keepdims=True) if thing.alike else own, each[anchors : 2 * anchors], each[shifts]
+    ])  # fmt: skip
+    told = [place_std[j] ** -2 for j in unsure for _ in range(2)]
+    free = len(shape) - anchors - len(told)
+    return fixed(shape), fixed(np.diag([1e-9] * free + [TURN_RAD**-2] * anchors + told))

@@ -122,9 +122,9 @@ class RangeWatch:
         decided : bool
             Whether only one thing may be; otherwise all that explain as much are named.
         """
-        found = self._found(self._gaps, decided)
+        found = self._found(self._gaps, decided, model.place_stds)
         for one in self.loudest if found else ():  # which may be of paths over walls
-            without = self._found(Gaps(*map(sub, self._gaps, one._gaps)), decided)
+            without = self._found(Gaps(*map(sub, self._gaps, one._gaps)), decided, model.place_stds)
             found = found if without and without[0].thing == found[0].thing else ()
         return named_together(found, model)
 
@@ -132,11 +132,12 @@ class RangeWatch:
     def _gaps(self) -> Gaps:
         return Gaps(self.information, self.vector, self.total, self.count)
 
-    def _found(self, gaps: Gaps, decided: bool) -> tuple[Fit, ...]:
-        """What is wrong by the gaps of all steps, or of all but one."""
+    def _found(self, gaps: Gaps, decided: bool, place_std: tuple[float, ...]) -> tuple[Fit, ...]:
+        """What is wrong by the gaps of all steps, or of all but one, see `fitted`."""
         if gaps.numbers < 1:
             return ()
-        fits = [fitted(gaps, thing)[0] for thing in things(self.looks, bool(self.information[-1, -1] > 0))]
+        may_be = things(self.looks, bool(self.information[-1, -1] > 0))
+        fits = [fitted(gaps, thing, place_std)[0] for thing in may_be]
         return (beyond_doubt if decided else undecided)(fits, gaps.numbers)
 
 

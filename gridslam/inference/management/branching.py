@@ -41,8 +41,7 @@ def placed(state: State, pose: Array, covariance: Array, velocity: float) -> Sta
     joint[:AGENT], joint[:, :AGENT] = 0.0, 0.0
     joint[OF_POSE] = covariance
     joint[2, 2] = joint[3, 3] = velocity
-    parked = None if state.parked is None else state.parked.unlinked()
-    return replace(state, belief=replace(state.belief, mean=mean, covariance=joint), parked=parked)
+    return state.placed(replace(state.belief, mean=mean, covariance=joint))
 
 
 def conditioned(state: State, pose: Array, covariance: Array) -> State:

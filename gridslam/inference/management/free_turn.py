@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace as changed
+from operator import is_
 from typing import TypeVar
 
 import numpy as np
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief, solved
 from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.turn import direction
+from gridslam.inference.messages.anchor_frames import with_common_turn
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
@@ -119,6 +122,8 @@ def without_turn(state: Turning, model: FilterModel, anchor: int = 0) -> Turning
 
 def with_turn(state: Turning, model: FilterModel) -> Turning:
     """The state for who asks how sure it is, (M494), (M553): the turn in its belief, and a ring's depth."""
+    if isinstance(state, State):
+        state = with_common_turn(state)
     if not state.turn_variance:
         return state
     place = model.places[state.turn_anchor, :2]
@@ -133,6 +138,8 @@ def position_spread(state: State, model: FilterModel) -> float:
         x, y = (model.places[state.turn_anchor, :2] - state.belief.mean[:2]).tolist()
         turn, depth = state.turn_variance, shortened(state.turn_variance)
         xx, yy = xx + turn * (y * y) + depth * (x * x), yy + turn * (x * x) + depth * (y * y)
+    if state.mountings is not None:
+        xx += state.mountings.turn_variance * math.dist(state.mountings.pivot, state.belief.mean[:2]) ** 2
     return math.sqrt(xx + yy)
 
 
@@ -146,28 +153,8 @@ def put_back(state: Turning, model: FilterModel) -> Turning:
 
 def all_with_turn(population: Population[Turning], model: FilterModel) -> Population[Turning]:
     """The same of all hypotheses."""
-    if not any(state.turn_variance for state in population.states):
-        return population
-    return changed(population, states=tuple(with_turn(state, model) for state in population.states))
-
-
-def direction(belief: Belief, place: Array, turning: NDArray[np.bool_] | None = None) -> Array:
-    """By how much all entries of a belief change when all turns about a place (2,), per rad, (N,).
-
-    Parameters
-    ----------
-    turning : (I,) bool, optional
-        Which agents do; default: all.
-    """
-    mean, lines, layout = belief.mean, belief.lines, belief.layout
-    way = np.zeros(len(mean))
-    for agent in range(layout.agents) if turning is None else np.flatnonzero(turning).tolist():
-        own, at = mean[layout.pose(agent)], layout.pose(agent).start
-        way[at], way[at + 1] = place[1] - own[1], own[0] - place[0]
-        way[at + 2], way[at + 3], way[at + HEADING] = -own[3], own[2], 1.0
-    way[layout.angles] = 1.0
-    way[layout.offsets] = unit(lines[:, 0] + 0.5 * np.pi) @ place
-    return way
+    states = tuple(with_turn(state, model) for state in population.states)
+    return population if all(map(is_, states, population.states)) else changed(population, states=states)
 
 
 def off_ring(state: State, model: FilterModel) -> Belief:
@@ -208,4 +195,7 @@ def _turning(state: State | NetworkState) -> NDArray[np.bool_] | None:
 
 def _wider(state: Turning, way: Array, variance: float) -> Turning:
     belief = state.belief
-    return state.believing(replace(belief, covariance=belief.covariance + variance * np.outer(way, way)))
+    wider = state.believing(replace(belief, covariance=belief.covariance + variance * np.outer(way, way)))
+    if not isinstance(wider, State):
+        return wider
+    return replace(wider, mountings=state.mountings)  # however its anchor stands, all may turn about it

@@ -34,6 +34,7 @@ from gridslam.inference.management.sight_looks import crossed, distances_doubted
 from gridslam.inference.management.start_search import PATIENCE, still_searching
 from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.management.unknown_gain import with_likeliest_gain
+from gridslam.inference.messages.anchor_frames import as_believed
 from gridslam.inference.messages.motion import predict
 from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
 from gridslam.inference.state.population import NONE, Population
@@ -83,8 +84,9 @@ def advance_population(
         info: of the likeliest hypothesis, with the health of all.
     """
     ranges = _ranges(population, scan, model, work)
-    population, info = _advanced(population, scan, model, work, start, step)
-    population = _sighted(population, scan, model, work)
+    believed = as_believed(model, population.best)
+    population, info = _advanced(population, scan, believed, work, start, step)
+    population = _sighted(population, scan, as_believed(model, population.best), work)
     info = distances_doubted(info, population, ranges, model)
     best = population.best
     best = replace(best, monitor=best.monitor.judged(info.health.ok))

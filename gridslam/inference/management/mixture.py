@@ -118,7 +118,7 @@ def moment_matched(one: State, other: State, log_one: float, log_other: float) -
     mean[HEADING] = wrap(mean[HEADING])
     covariance = share * here.belief.covariance + (1 - share) * there.belief.covariance
     covariance = covariance + share * (1 - share) * np.outer(gap, gap)
-    matched = replace(here, belief=replace(here.belief, mean=mean, covariance=covariance))
+    matched = here.believing(replace(here.belief, mean=mean, covariance=covariance))
     if one.parked is None:
         return matched
     active = np.isin(matched.surfaces.identity, one.surfaces.identity)

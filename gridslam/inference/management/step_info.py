@@ -108,10 +108,13 @@ def conclude(
     """
     fits = np.concatenate([exchange.fit for exchange in exchanges])
     monitor, calibration = state.monitor.fitted(fits), state.calibration.fitted(fits)
+    if state.mountings is not None:  # what turns, and a place that is off looks like a turn: (M569)
+        calibration = calibration.unturned(model.unsure)
     spread = position_spread(state, model)
     effective = min((exchange.effective_sample_size for exchange in exchanges), default=np.inf)
     monitor = monitor.sighted(spread, telling_sights(state))  # (M533)
-    health, monitor = monitor.assess(calibration, calibration_used.turned, model, spread, effective)
+    turned = calibration_used.turned if state.aside is None else calibration_used.turned + state.aside[:, 2]
+    health, monitor = monitor.assess(calibration, turned, model, spread, effective)
     found_again = monitor.since == 0
     state = replace(state, calibration=calibration, monitor=monitor, step=state.step + 1)
     times, turned = work.times(), calibration_used.turned

@@ -37,9 +37,12 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         Number of measurements in the scan.
     """
     settings, joint, surfaces, parked = model.settings, state.belief, state.surfaces, state.parked
+    mountings = state.mountings
     if state.time_s is not None:
         if parked is not None:
             parked = parked.predicted(time_s - state.time_s, JITTER * settings.surface_m)
+        if mountings is not None:
+            mountings = mountings.predicted(time_s - state.time_s)
         joint = belief.predict(
             joint, time_s - state.time_s, settings.acceleration_mps2, np.radians(settings.heading_deg),
             JITTER * settings.surface_m, surfaces.foot, np.exp(np.maximum(surfaces.walk, 0.0)),
@@ -56,6 +59,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         belief=joint,
         surfaces=surfaces,
         parked=parked,
+        mountings=mountings,
         calibration=state.calibration.faded(),
         monitor=state.monitor.next_step(scan_size),
         time_s=time_s,

@@ -35,12 +35,8 @@ def arranged(state: State, active: NDArray[np.bool_]) -> State:
     rest = None
     if len(away):
         rest = Parked(bank.take(away), mean[left], joint[np.ix_(left, left)], joint[np.ix_(left, own)])
-    return replace(
-        state,
-        belief=replace(belief, mean=mean[own], covariance=joint[np.ix_(own, own)]),
-        surfaces=bank.take(rows),
-        parked=rest,
-    )
+    there = replace(belief, mean=mean[own], covariance=joint[np.ix_(own, own)])
+    return mountings_followed(state, replace(state, belief=there, surfaces=bank.take(rows), parked=rest))
 
 
 def unparked(state: State) -> State:
@@ -58,7 +54,18 @@ def without(state: State, dropped: NDArray[np.bool_]) -> State:
     if parked is not None:
         rows = np.concatenate([np.ones(state.belief.layout.head, bool), np.repeat(left, PER_LINE)])
         parked = replace(parked, cross=parked.cross[:, rows])
-    return replace(state, belief=keep(state.belief, left), surfaces=state.surfaces.take(left), parked=parked)
+    rest = replace(
+        state, belief=keep(state.belief, left), surfaces=state.surfaces.take(left), parked=parked
+    )  # fmt: skip
+    return mountings_followed(state, rest)
+
+
+def mountings_followed(before: State, state: State) -> State:
+    """The state with its mountings as they follow from what the joint belief has become since `before`."""
+    if before.mountings is None or state.belief is before.belief:
+        return state
+    rows = lasting(before, state)
+    return replace(state, mountings=before.mountings.following(before.belief, state.belief, rows))
 
 
 def lasting(before: State, after: State) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -16,6 +16,7 @@ from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.scans.leftovers import Leftovers, LineEvidence
 from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.inference.state.grid import Grid
+from gridslam.inference.state.mountings import Mountings
 from gridslam.inference.state.parked import Parked
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.published.state_samples import StateSamples
@@ -93,6 +94,8 @@ class State:
         Anchors, and from where (m) what they send over corners arrives as if off one wall that isn't there.
     noise : (J,), optional
         Power of the noise in each sample, 0 where it isn't known yet (systems on sampled signals).
+    mountings : Mountings, optional
+        How anchors stand otherwise than is told, where that isn't known; of systems that learn it.
     elements : ElementGains, optional
         Factors of the antennas' elements (direct grid SLAM).
     """
@@ -121,6 +124,7 @@ class State:
     sight_nats: Array | None = field(default=None, metadata={"later": True})
     elements: ElementGains | None = field(default=None, metadata={"later": True})
     corners: Array = field(default_factory=_no_corners, metadata={"later": True})
+    mountings: Mountings | None = field(default=None, metadata={"later": True})
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:
@@ -135,17 +139,32 @@ class State:
         )  # fmt: skip
 
     def believing(self, belief: Belief, before: Belief | None = None) -> Self:
-        """This state with another belief about the same; parked surfaces follow by their correlation.
+        """This state with another belief about the same, which all beside it follows by its correlation.
 
         Parameters
         ----------
         before : Belief, optional
             What was changed into it, where that isn't the state's own.
         """
-        parked = self.parked
+        parked, mountings, before = self.parked, self.mountings, before or self.belief
         if parked is not None:
-            parked = parked.following(self.belief if before is None else before, belief)
-        return replace(self, belief=belief, parked=parked)
+            parked = parked.following(before, belief)
+        if mountings is not None:
+            mountings = mountings.following(before, belief)
+        return replace(self, belief=belief, parked=parked, mountings=mountings)
+
+    def placed(self, belief: Belief) -> Self:
+        """This state with a belief about an agent that was put elsewhere, which nothing is linked with."""
+        parked, mountings = self.parked, self.mountings
+        return replace(
+            self, belief=belief, parked=None if parked is None else parked.unlinked(),
+            mountings=None if mountings is None else mountings.unlinked(),
+        )  # fmt: skip
+
+    @property
+    def aside(self) -> Array | None:
+        """How anchors are believed to stand otherwise than is told, (senders, 3); None: as is told."""
+        return None if self.mountings is None else self.mountings.aside
 
     @property
     def factors(self) -> ElementGains | None:

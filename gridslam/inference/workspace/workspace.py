@@ -171,12 +171,14 @@ class Workspace(StageClock):
             raise ValueError("this system has no grid")
         return self._cells
 
-    def calibrated(self, model: Model, turns: Array, higher: Array = NONE) -> Model:
-        """The model with its anchors turned by (J,) rad and higher by rises of (G,) m; the same object while
-        nothing changes."""
-        key = turns.tobytes() + higher.tobytes()
+    def calibrated(
+        self, model: Model, turns: Array, higher: Array = NONE, aside: Array | None = None
+    ) -> Model:
+        """The model with its anchors turned by (J,) rad, higher by rises of (G,) m and standing `aside` of
+        where they are told to; the same object while nothing changes. See `FilterModel.calibrated`."""
+        key = turns.tobytes() + higher.tobytes() + (b"" if aside is None else aside.tobytes())
         if self._turned is None or self._turned[0] is not model or self._turned[1] != key:
-            self._turned = model, key, model.calibrated(turns, higher)
+            self._turned = model, key, model.calibrated(turns, higher, aside)
         calibrated: Model = self._turned[2]
         return calibrated
 

@@ -249,3 +249,14 @@ def test_no_anchor_is_called_turned_while_distances_of_all_are_wrong(metres, anc
     assert doubt in health.why
     assert ("anchor B seems turned by" in health.why) == turned
     assert not health.ok
+
+
+@pytest.mark.parametrize(("aside", "std", "named"), [(0.6, 0.3, False), (1.2, 0.1, True)])
+def test_places_that_are_told_to_be_unsure_are_no_news_unless_they_are_much_farther_off(aside, std, named):
+    data = ROOM.model_dump(exclude_none=True)
+    x, y = data["anchors"][0]["position_m"]
+    data["anchors"][0]["position_m"] = (x + aside, y)
+    heard, model = gs.simulate(gs.Scene.checked(data, "room"), "agent1", 29), ROOM.filter_model("agent1")
+    assert any(watch.doubt for watch in looked(model, heard))
+    unsure = replace(model, mounting_std=np.array([[std, 0.0], [std, 0.0]]))
+    assert any(watch.doubt for watch in looked(unsure, heard)) is named

@@ -100,7 +100,8 @@ def test_variances_are_those_of_what_was_received():
 def test_right_elements_are_never_suspected_whatever_the_noise(snr):
     """Of 200 draws at each SNR: six deviations are none in a hundred million."""
     assert not any(sums(1.0, snr, seed).size for seed in range(200))
-    assert sums(1.0, snr, 0).of(0) is None
+    model = SignalModel.of(SCENE.filter_model("agent1"), WAVEFORM)
+    assert replace(State.start(model), elements=sums(1.0, snr, 0)).factors is None
 
 
 def test_wrong_ones_are_believed_from_six_deviations_of_their_number_on():
@@ -237,7 +238,7 @@ def test_the_turn_that_elements_hide_by_hand():
     assert hidden_turn(State.start(model), model, work) == 0
     assert array_errors(state, 0, model) == (np.sqrt(variance), 0.0)
     assert array_errors(State.start(model), 0, model) is None
-    unsure = replace(model, orientation_std=np.array([0.05]))
+    unsure = replace(model, mounting_std=np.array([[0.0, 0.05]]))
     assert array_errors(State.start(model), 0, unsure) == (0.0, 0.05)
     assert array_errors(replace(state, turn_variance=1e-3), 0, unsure) == (np.sqrt(variance), 0.0)
 
@@ -298,7 +299,7 @@ def test_right_elements_change_nothing():
     recording = gs.simulate(scene_of(1), "agent1", seed=3, what="signal")
     slam, estimates, _, _ = ran(scene_of(1), recording)
     assert slam.state.elements.size == 0
-    assert slam.state.elements.of(0) is None
+    assert slam.state.factors is None
     assert slam.state.turn_variance is None
     assert all(one.health.ok for one in estimates)
 

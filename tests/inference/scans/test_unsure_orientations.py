@@ -16,7 +16,7 @@ PLACES = [[0.0, 0.0, 0.3, 2.5], [3.0, 1.0, 0.0, 0.0], [2.0, -2.0, 1.0, 0.0]]
 
 
 def unsure(*std, places=PLACES):
-    return replace(model_of("canyon", places), orientation_std=np.array(std))
+    return replace(model_of("canyon", places), mounting_std=np.column_stack([np.zeros(len(std)), std]))
 
 
 def scan_of(anchor, aod_std=None):

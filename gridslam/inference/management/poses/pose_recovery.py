@@ -80,8 +80,8 @@ def recover_pose(
     monitor = monitor.leapt(leap(belief, fix.pose, blurred(fix.covariance)))
     after = moved(belief, fix, float(model.start_variance[2]))
     state = replace(unweighed(state) if lost else state, monitor=monitor)
-    if state.parked is not None and not after.covariance[:AGENT, AGENT:].any():  # put elsewhere
-        return replace(state, belief=after, parked=state.parked.unlinked())
+    if not after.covariance[:AGENT, AGENT:].any():  # put elsewhere
+        return state.placed(after)
     return state.believing(after, belief)
 
 

@@ -159,7 +159,7 @@ def without_factors(state: State, samples: Complex, anchor: int) -> tuple[Comple
 def array_errors(state: State, anchor: int, model: SignalModel) -> ArrayErrors | None:
     """What turns the paths of an anchor's snapshots, (M567), (M568); None if nothing is known to."""
     phase = math.sqrt(state.factors.phase_variance(model.waveform)) if state.factors else 0.0
-    turns = state.turn_variance is None  # or all turns with the anchor
+    turns = state.turn_variance is None and state.mountings is None  # or all turns with the anchor
     errors = ArrayErrors(phase, float(model.orientation_std[anchor]) if turns else 0.0)
     return errors if any(errors) else None
 

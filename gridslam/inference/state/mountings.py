@@ -1,0 +1,195 @@
+"""How anchors stand otherwise than is told, correlated with the joint belief; docs/model.md, (M569).
+
+What an anchor is heard by depends on where agent and walls are seen from it. So they are looked at in a
+frame in which it stands where it is taken to: in that it is known, and what isn't known of it is unknown of
+all else instead. What is learned there moves the anchor as well, by its correlation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief, solved
+from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.beliefs.turn import direction
+from gridslam.world.filter_model import FilterModel
+from gridslam.world.geometry import unit, wrap
+
+Rows = NDArray[np.intp]
+PER_ANCHOR = 3
+"""Entries of an anchor: how far it stands aside of where it is told to, dx, dy (m), and its turn (rad)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mountings:
+    """Gaussian belief about how J anchors stand otherwise than is told. A value.
+
+    Attributes
+    ----------
+    mean : (3 J,)
+        dx, dy (m) and turn (rad) of anchor after anchor.
+    covariance : (3 J, 3 J)
+    cross : (3 J, N)
+        Covariance with the entries of the joint belief.
+    pivot, turn_variance : (2,) m, float
+        About where, and by how much (rad^2), all may turn together with the anchors: nothing that is heard
+        tells. It is left out of the rest.
+    """
+
+    mean: Array
+    covariance: Array
+    cross: Array
+    pivot: Array
+    turn_variance: float
+
+    @classmethod
+    def start(cls, model: FilterModel, size: int) -> Self | None:
+        """The prior, independent of a belief of so many entries; None where all anchors stand as is told."""
+        place, turn = model.mounting_std.T
+        if model.senders == 1:  # about which all may turn: `free_turn`
+            turn = np.zeros(1)
+        variance = np.square(np.column_stack([place, place, turn])).ravel()
+        if not variance.any():
+            return None
+        pivot, together, all_turn = common_turn(model.anchors[: model.senders, :2], place, turn)
+        covariance = np.diag(variance) - all_turn * np.outer(together, together)
+        return cls(np.zeros(len(variance)), covariance, np.zeros((len(variance), size)), pivot, all_turn)
+
+    @property
+    def aside(self) -> Array:
+        """Means, (J, 3)."""
+        return self.mean.reshape(-1, PER_ANCHOR)
+
+    def in_scene(self, model: FilterModel) -> Array:
+        """Deviations in the scene, (J, 3): what isn't known of a turn of all is part of them."""
+        together = _together(model.anchors[: model.senders, :2], self.pivot)
+        variance = self.covariance.diagonal() + self.turn_variance * together**2
+        return np.sqrt(np.maximum(variance, 0.0)).reshape(-1, PER_ANCHOR)
+
+    def predicted(self, dt: float) -> Self:
+        """A step of so many seconds on: the agent has moved."""
+        cross = self.cross.copy()
+        cross[:, :2] += dt * cross[:, 2:4]
+        return replace(self, cross=cross)
+
+    def following(self, before: Belief, after: Belief, rows: tuple[Rows, Rows] | None = None) -> Self:
+        """The same once the joint belief has become `after`, by whatever it was updated with.
+
+        By their regression on it, as parked surfaces do: see `Parked.following`.
+
+        Parameters
+        ----------
+        rows : ((R,), (R,)), optional
+            Entries of `before` that are in `after` still, and where. Default: all, at the same places.
+        """
+        own, there = rows if rows is not None else (np.arange(len(before.mean)),) * 2
+        known = before.covariance[np.ix_(own, own)]
+        gain = solved(known, self.cross[:, own].T).T
+        shift = after.mean[there] - before.mean[own]
+        shift[_turning(before)[own]] = wrap(shift[_turning(before)[own]])
+        covariance = self.covariance + gain @ (after.covariance[np.ix_(there, there)] - known) @ gain.T
+        return replace(
+            self,
+            mean=self.mean + gain @ shift,
+            covariance=0.5 * (covariance + covariance.T),
+            cross=gain @ after.covariance[there],
+        )
+
+    def unlinked(self) -> Self:
+        """The same, independent of the agent: it was put elsewhere."""
+        cross = self.cross.copy()
+        cross[:, :AGENT] = 0.0
+        return replace(self, cross=cross)
+
+    def framed(self, belief: Belief, anchor: int, model: FilterModel) -> tuple[Belief, Self]:
+        """Belief and mountings in the frame in which an anchor stands as the model has it."""
+        place, stands, turn = self._places(anchor, model)
+        return self._linked(moved(belief, stands, place, -turn), anchor, place, 1.0)
+
+    def unframed(self, belief: Belief, anchor: int, model: FilterModel) -> tuple[Belief, Self]:
+        """They in the scene's frame, from that of an anchor."""
+        place, stands, turn = self._places(anchor, model)
+        linked, after = self._linked(belief, anchor, place, -1.0)
+        return moved(linked, place, stands, turn), after
+
+    def _places(self, anchor: int, model: FilterModel) -> tuple[Array, Array, float]:
+        """Where the model has an anchor, where it is believed to stand, and how it is turned against that."""
+        taken = np.zeros(PER_ANCHOR) if model.aside is None else model.aside[anchor]
+        x, y, turn = (self.aside[anchor] - taken).tolist()
+        place = model.anchors[anchor, :2]
+        return place, place + np.array([x, y]), turn
+
+    def _linked(self, belief: Belief, anchor: int, place: Array, sense: float) -> tuple[Belief, Self]:
+        """With what isn't known of how an anchor stands in the belief, or out of it."""
+        own = slice(PER_ANCHOR * anchor, PER_ANCHOR * (anchor + 1))
+        slope = sense * by_mounting(belief, place)
+        linked = slope @ self.cross[own]
+        covariance = belief.covariance + linked + linked.T + slope @ self.covariance[own, own] @ slope.T
+        cross = self.cross + self.covariance[:, own] @ slope.T
+        return replace(belief, covariance=0.5 * (covariance + covariance.T)), replace(self, cross=cross)
+
+
+def common_turn(place: Array, place_std: Array, turn_std: Array) -> tuple[Array, Array, float]:
+    """What anchors' deviations leave open of a turn that all make together.
+
+    Parameters
+    ----------
+    place : (J, 2) m
+    place_std, turn_std : (J,) m, rad
+
+    Returns
+    -------
+    (pivot, together, variance)
+        About where, so that it is independent of how else anchors stand, (2,); how they stand if all turn by
+        1, (3 J,); rad^2, 0 where an orientation or two places are known.
+    """
+    known = place_std == 0
+    weight = known.astype(np.float64) if known.any() else place_std**-2.0
+    pivot = weight @ place / weight.sum()
+    together = _together(place, pivot)
+    if known.sum() > 1 or not turn_std.all():
+        return pivot, together, 0.0
+    std = np.column_stack([place_std, place_std, turn_std]).ravel()
+    moved = std > 0
+    return pivot, together, 1 / float(np.square(together[moved] / std[moved]).sum())
+
+
+def _together(place: Array, pivot: Array) -> Array:
+    """How anchors at places (J, 2) stand if all turn about a pivot (2,), per rad, (3 J,)."""
+    x, y = (place - pivot).T
+    return np.column_stack([-y, x, np.ones(len(place))]).ravel()
+
+
+def moved(belief: Belief, origin: Array, to: Array, turn: float) -> Belief:
+    """The belief with its mean turned about `origin` (2,), and shifted with that `to` (2,)."""
+    layout, mean = belief.layout, belief.mean.copy()
+    cosine, sine = np.cos(turn), np.sin(turn)
+    rotation = np.array([[cosine, -sine], [sine, cosine]])
+    angles = mean[layout.angles]
+    mean[:2] = rotation @ (mean[:2] - origin) + to
+    mean[2:4] = rotation @ mean[2:4]
+    mean[HEADING] = wrap(mean[HEADING] + turn)
+    mean[layout.offsets] += unit(angles + turn) @ to - unit(angles) @ origin
+    mean[layout.angles] = wrap(angles + turn)
+    return replace(belief, mean=mean)
+
+
+def by_mounting(belief: Belief, place: Array) -> Array:
+    """Derivatives (N, 3) of all entries, as seen from an anchor at `place` (2,), by how it stands."""
+    slope = np.zeros((len(belief.mean), PER_ANCHOR))
+    slope[[0, 1], [0, 1]] = -1.0
+    slope[belief.layout.offsets, :2] = -unit(belief.mean[belief.layout.angles])
+    slope[:, 2] = -direction(belief, place)
+    return slope
+
+
+def _turning(belief: Belief) -> NDArray[np.bool_]:
+    """Which entries (N,) are angles."""
+    turning = np.zeros(len(belief.mean), bool)
+    turning[HEADING] = turning[belief.layout.angles] = True
+    return turning

@@ -1,0 +1,177 @@
+"""How anchors stand otherwise than is told: frames, and what is learned in one anchor's of all others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filter_states import model_of
+
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.state.mountings import Mountings, by_mounting, common_turn, moved
+from gridslam.world.geometry import mirror, wrap
+
+PLACES = np.array([[1.0, 2.0, 0.3], [6.0, -1.0, 2.0], [3.0, 5.0, -1.0]])
+ROWS = slice(3, 6)
+"""Of the second anchor."""
+
+
+def model(place=0.1, turn=0.05, anchors=PLACES):
+    own = model_of("canyon", anchors)
+    return replace(own, mounting_std=np.tile([place, turn], (len(anchors), 1)))
+
+
+def belief_of(seed, lines=2):
+    draw = np.random.default_rng(seed)
+    angles = draw.uniform(-3, 3, lines)
+    mean = np.append(draw.uniform(-3, 3, 5), np.column_stack([angles, draw.uniform(2, 9, lines)]))
+    root = 0.1 * draw.normal(size=(len(mean), len(mean)))
+    return Belief(mean, root @ root.T)
+
+
+def linked(seed, own=None):
+    """A belief, and mountings with which it is correlated, one Gaussian together."""
+    draw, own = np.random.default_rng(seed + 100), own or model()
+    belief = belief_of(seed)
+    size, count = len(belief.mean), 3 * own.senders
+    root = np.diag(np.tile([0.1, 0.1, 0.05], own.senders)) @ draw.normal(size=(count, size + count)) / 4
+    whole = np.concatenate([np.linalg.cholesky(belief.covariance) @ np.eye(size, size + count), root])
+    joint = whole @ whole.T
+    start = Mountings.start(own, size)
+    mean = 0.03 * draw.normal(size=count)
+    return belief, replace(start, mean=mean, covariance=joint[size:, size:], cross=joint[size:, :size])
+
+
+def heard(belief, place, facing):
+    """Distance, departure and arrival of the line of sight, and of the bounce over the first line."""
+    found, (angle, offset) = [], belief.lines[0]
+    image = mirror(np.array([angle, offset]), place)
+    for source, bounced in ((place, False), (image, True)):
+        away = source - belief.mean[:2]
+        arrival = np.arctan2(away[1], away[0])
+        out = 2 * angle - arrival if bounced else arrival + np.pi
+        found += [np.hypot(*away), wrap(out - facing), wrap(arrival - belief.mean[4])]
+    return np.array(found)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_an_anchor_hears_is_the_same_in_its_frame(seed):
+    """There it stands as the model has it; in the scene, as it is believed to."""
+    own = model()
+    belief, mountings = linked(seed, own)
+    dx, dy, turn = mountings.aside[1]
+    there, _ = mountings.framed(belief, 1, own)
+    inside = heard(there, PLACES[1, :2], PLACES[1, 2])
+    outside = heard(belief, PLACES[1, :2] + [dx, dy], PLACES[1, 2] + turn)
+    np.testing.assert_allclose(inside, outside, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_there_and_back_is_nothing(seed):
+    own = replace(model(), aside=np.full((3, 3), 0.01))  # as the step has taken them
+    belief, mountings = linked(seed, own)
+    back, after = (both := mountings.framed(belief, 1, own))[1].unframed(both[0], 1, own)
+    np.testing.assert_allclose(back.mean, belief.mean, atol=1e-12)
+    np.testing.assert_allclose(back.covariance, belief.covariance, atol=1e-12)
+    np.testing.assert_allclose(after.cross, mountings.cross, atol=1e-12)
+    assert after.mean is mountings.mean
+
+
+@pytest.mark.parametrize("entry", range(3))
+def test_derivatives_are_those_of_how_it_looks_from_there(entry):
+    belief, place, step = belief_of(3), PLACES[1, :2], 1e-6
+    seen = []
+    for sign in (1, -1):
+        stands = np.zeros(3)
+        stands[entry] = sign * step
+        seen.append(moved(belief, place + stands[:2], place, -stands[2]).mean)
+    np.testing.assert_allclose(
+        (seen[0] - seen[1]) / (2 * step), by_mounting(belief, place)[:, entry], atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_measurement_says_what_it_says_of_all_in_one_gaussian(seed):
+    """The distance and departure of a line of sight, by derivatives: twin of two Kalman updates."""
+    own = model()
+    belief, mountings = linked(seed, own)
+    mountings = replace(mountings, mean=np.zeros(9))
+    size, noise = len(belief.mean), np.diag([0.02, 0.01]) ** 2
+    away = belief.mean[:2] - PLACES[1, :2]
+    length = np.hypot(*away)
+    slope = np.zeros((2, size))
+    slope[0, :2], slope[1, :2] = away / length, np.array([-away[1], away[0]]) / length**2
+    gap = np.array([0.03, -0.02])
+
+    there, framed = mountings.framed(belief, 1, own)
+    gain = there.covariance @ slope.T @ np.linalg.inv(slope @ there.covariance @ slope.T + noise)
+    shorter = there.covariance - gain @ slope @ there.covariance
+    after = replace(there, mean=there.mean + gain @ gap, covariance=shorter)
+    known = framed.following(there, after)
+    back, found = known.unframed(after, 1, own)
+
+    joint = np.block([[belief.covariance, mountings.cross.T], [mountings.cross, mountings.covariance]])
+    whole = np.zeros((2, size + 9))
+    whole[:, :size], whole[:, size:][:, ROWS] = slope, slope @ by_mounting(belief, PLACES[1, :2])
+    gain = joint @ whole.T @ np.linalg.inv(whole @ joint @ whole.T + noise)
+    mean, joint = gain @ gap, joint - gain @ whole @ joint
+    np.testing.assert_allclose(found.mean, mean[size:], atol=1e-9)
+    np.testing.assert_allclose(found.covariance, joint[size:, size:], atol=1e-9)
+    # the slope back is taken at the corrected mean
+    shift = np.abs(by_mounting(after, PLACES[1, :2]) - by_mounting(belief, PLACES[1, :2])).max()
+    np.testing.assert_allclose(back.covariance, joint[:size, :size], atol=shift)
+    np.testing.assert_allclose(found.cross, joint[size:, :size], atol=shift)
+
+
+def test_new_walls_are_as_correlated_as_the_agent_that_they_follow_from():
+    """A line that hangs on the agent alone: its covariance with an anchor is that of the agent."""
+    belief, mountings = linked(1)
+    size = len(belief.mean)
+    follows = np.zeros((2, size))
+    follows[:, :5] = np.random.default_rng(2).normal(size=(2, 5))
+    whole = np.vstack([np.eye(size), follows])
+    after = Belief(whole @ belief.mean, whole @ belief.covariance @ whole.T)
+    known = mountings.following(belief, after, (np.arange(size),) * 2)
+    np.testing.assert_allclose(known.cross[:, size:], mountings.cross @ follows.T, atol=1e-9)
+    np.testing.assert_allclose(known.covariance, mountings.covariance, atol=1e-9)
+
+
+def test_motion_carries_correlations_with_the_velocity():
+    _, mountings = linked(0)
+    after = mountings.predicted(0.5)
+    np.testing.assert_allclose(after.cross[:, 0], mountings.cross[:, 0] + 0.5 * mountings.cross[:, 2])
+    np.testing.assert_array_equal(after.cross[:, 2:], mountings.cross[:, 2:])
+    assert not mountings.unlinked().cross[:, :5].any()
+
+
+def test_what_two_anchors_leave_open_of_a_turn_of_all_by_hand():
+    """4 m apart, 0.1 m and 0.05 rad: 2 x 2^2 / 0.01 + 2 / 0.0025 = 800 + 800 per rad^2."""
+    place, std = np.array([[1.0, 2.0], [5.0, 2.0]]), np.full(2, 0.1)
+    pivot, together, variance = common_turn(place, std, np.full(2, 0.05))
+    np.testing.assert_allclose(pivot, [3.0, 2.0])
+    np.testing.assert_allclose(together, [0, -2, 1, 0, 2, 1])
+    assert variance == pytest.approx(1 / 1600)
+    # one place is known: all turn about it, and of the other's 4 m / 0.1 m is 1600 alone
+    pivot, _, variance = common_turn(place, np.array([0.0, 0.1]), np.full(2, 0.05))
+    np.testing.assert_allclose(pivot, place[0])
+    assert variance == pytest.approx(1 / (1600 + 800))
+    assert common_turn(place, np.zeros(2), np.full(2, 0.05))[2] == 0
+    assert common_turn(place, std, np.array([0.0, 0.05]))[2] == 0
+
+
+def test_a_turn_of_all_is_left_out_of_the_prior_and_no_part_of_it_twice():
+    own = model(0.1, 0.05)
+    start = Mountings.start(own, 5)
+    prior = np.diag(np.tile([0.01, 0.01, 0.0025], 3))
+    _, together, variance = common_turn(PLACES[:, :2], np.full(3, 0.1), np.full(3, 0.05))
+    np.testing.assert_allclose(start.covariance + variance * np.outer(together, together), prior, atol=1e-15)
+    np.testing.assert_allclose(start.covariance @ np.linalg.inv(prior) @ together, 0, atol=1e-12)
+    np.testing.assert_allclose(start.in_scene(own), np.tile([0.1, 0.1, 0.05], (3, 1)))
+    assert start.turn_variance == variance
+
+
+def test_nothing_is_open_where_all_is_told_and_about_one_anchor_no_turn():
+    assert Mountings.start(model(0.0, 0.0), 5) is None
+    assert Mountings.start(model(0.0, 0.05, PLACES[:1]), 5) is None
+    start = Mountings.start(model(0.1, 0.05, PLACES[:1]), 5)
+    np.testing.assert_allclose(np.diag(start.covariance), [0.01, 0.01, 0.0])
+    assert start.turn_variance == 0
