@@ -72,6 +72,11 @@ class Map(MapCells):
         """One line."""
         return f"<Map {self.in_words()}>"
 
+    @property
+    def was_heard(self) -> bool:
+        """Whether agents made it, by radio: floor plans that were read from elsewhere name none."""
+        return bool(self.provenance.get("agents"))
+
     def in_words(self) -> str:
         """Who made it, and what is in it, in a line."""
         (height, width), who = self.shape, self.provenance.get("agents")

@@ -53,7 +53,9 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
         State.start(model), amplitudes=RayAmplitudes(), leftovers=Leftovers.none(),
         levels=inherit_levels(model, prior), unexplained=none_yet(model),
     )  # fmt: skip
-    return with_mountings(state if prior is None else inherit_surfaces(state, prior), model)
+    if prior is None:
+        return with_mountings(state, model)
+    return with_mountings(inherit_surfaces(state, prior), model, prior.was_heard)
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:

@@ -102,7 +102,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         if not self.finds_heights or asked == "particles":
             scene.require_known_heights(f"{self.method} by particles" if self.finds_heights else self.method)
         if not self.finds_places or asked == "particles" or not scene.filter.correlated:
-            require_known_places(scene.name, scene.anchors, self.method)
+            apart = f"{self.method} by particles, or by Gaussians apart" if self.finds_places else self.method
+            require_known_places(scene.name, scene.anchors, apart)
         self.scene, self.seed = scene, seed
         self.model = self._model(self._about_middle(scene.filter_model(agent)))
         self.agent = self.model.agent

@@ -24,7 +24,7 @@ from gridslam.inference.management.mixture import agent_moments
 from gridslam.inference.management.readout import described, estimates, surface_estimate
 from gridslam.inference.management.sole_sight import as_far_as_told
 from gridslam.inference.management.step_info import StepInfo
-from gridslam.inference.messages.anchor_frames import with_common_turn
+from gridslam.inference.messages.anchor_frames import as_believed, with_common_turn
 from gridslam.inference.messages.level_coefficients import level_means, with_levels
 from gridslam.inference.messages.ray_amplitudes import mean_amplitudes
 from gridslam.inference.scans.unsure_orientations import as_sure_as_anchors
@@ -121,7 +121,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
     def map(self) -> Map:
         """The map as it stands: detected surfaces, and what was handed down or is left over."""
         # without a ring's depth: it hangs together
-        state = unparked(with_common_turn(put_back(self.state, self.model)))
+        state = with_common_turn(unparked(put_back(self.state, self.model)))
         table = surface_estimate(state, work=self.work)
         found = detected(table.existence, self.model.settings)
         joint = lines_covariance(state.belief, found)
@@ -152,7 +152,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     def estimate(self, believed: Population[State], scan: Observed, info: StepInfo, began: float) -> Estimate:
         """MMSE estimates of the agent; surfaces and paths of the likeliest hypothesis; all hypotheses."""
-        population = all_with_turn(believed, self.model)
+        population = all_with_turn(believed, as_believed(self.model, believed.best))
         state = population.best
         model = self.work.calibrated(
             with_levels(self.model, state.levels), info.turned, state.belief.higher, state.aside
@@ -222,7 +222,8 @@ class SurfaceFilter(SurfaceFront[Scan]):
         if len(scan):
             if self.state.mountings is None:
                 scan = as_sure_as_anchors(scan, self.model)  # (M568)
-            believed, scan = as_far_as_told(believed, scan, self.model, self.work)  # (M514)
+            model = as_believed(self.model, self.state)
+            believed, scan = as_far_as_told(believed, scan, model, self.work)  # (M514)
         if self._branches(self.state):
             after, info = advance_population(believed, scan, self.model, self.work, self.start, self.advance)
         else:

@@ -59,7 +59,7 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     if prior is None:
         return with_mountings(replace(state, grid=Grid.empty(model.grid.shape)), model)
     grid = Grid.inherited(prior.evidence, prior.observed, prior.coefficient)
-    return with_mountings(replace(inherit_surfaces(state, prior), grid=grid), model)
+    return with_mountings(replace(inherit_surfaces(state, prior), grid=grid), model, prior.was_heard)
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:

@@ -9,6 +9,8 @@ from scene_samples import raised, shortened
 
 import gridslam as gs
 from gridslam.errors import InputError
+from gridslam.inference.management.free_turn import position_spread
+from gridslam.inference.messages.anchor_frames import as_believed
 from gridslam.systems.registry import METHODS, method_class
 
 PLACE, TURN = 0.1, 3.0
@@ -172,3 +174,88 @@ def test_mountings_that_cannot_be_are_refused(part, value, says):
     spoilt = replace(slam.state, mountings=replace(own, **{part: value}))
     with pytest.raises(InputError, match=says):
         slam.require_sound(replace(slam.population, states=(spoilt,)), slam.model, "file")
+
+
+def stepped(steps=6, **told):
+    """A filter some steps on."""
+    scene = stood(steps=steps, **told)
+    slam = gs.GridSlam(scene, seed=4)
+    for scan in gs.simulate(stood(steps=steps, aside=drawn(64)), "agent1", 4):
+        estimate = slam.step(scan)
+    return slam, estimate
+
+
+def test_a_turn_of_all_is_no_part_of_the_belief_and_of_all_that_is_reported():
+    slam, estimate = stepped(place=PLACE, turn=TURN)
+    own, belief = slam.state.mountings, slam.state.belief
+    x, y = belief.mean[:2] - own.pivot
+    assert own.turn_variance > np.radians(0.5) ** 2
+    wanted = belief.covariance[:2, :2] + own.turn_variance * np.outer([-y, x], [-y, x])
+    np.testing.assert_allclose(estimate.covariance[:2, :2], wanted, rtol=1e-9)
+    assert position_spread(slam.state, slam.model) == pytest.approx(np.sqrt(np.trace(wanted)))
+    table = slam.map().surfaces
+    assert len(table) == estimate.detected.sum() > 0
+    assert (table.line_cov[:, 0, 0] > own.turn_variance).all()
+
+
+def test_a_start_is_as_wide_as_it_may_be_turned_against_the_anchors():
+    for anchors in (2, 1):
+        slam = gs.GridSlam(stood("room" if anchors == 2 else one_anchor(), 4, PLACE, TURN))
+        own, wide = slam.state.mountings, np.diag(slam.state.belief.covariance)[[0, 1, 4]]
+        x, y = slam.state.belief.mean[:2] - own.pivot
+        more = own.turn_variance * np.array([y * y, x * x, 1.0]) if anchors == 2 else 0.0
+        np.testing.assert_allclose(wide, slam.model.start_variance[[0, 1, 4]] + more)
+
+
+def one_anchor():
+    scene = gs.Scene.load("room")
+    return scene.model_copy(update={"anchors": scene.anchors[:1]})
+
+
+def test_turns_by_sums_are_not_looked_for_beside():
+    slam, _ = stepped(place=PLACE)
+    assert not slam.state.calibration.turn.any()
+    blind, _ = stepped()
+    assert blind.state.calibration.turn.all()
+
+
+def test_searches_have_anchors_where_they_are_believed_to_stand_and_once():
+    slam, _ = stepped(place=PLACE, turn=TURN)
+    for model in (
+        as_believed(slam.model, slam.state),
+        as_believed(as_believed(slam.model, slam.state), slam.state),
+    ):
+        np.testing.assert_allclose(model.anchors - slam.model.anchors, slam.state.aside, atol=1e-12)
+    assert as_believed(slam.model, replace(slam.state, mountings=None)) is slam.model
+
+
+def test_a_place_that_is_found_is_known_as_anchors_are():
+    slam, _ = stepped(place=PLACE, turn=TURN)
+    sharp = slam.state.belief.covariance.copy()
+    sharp[:5], sharp[:, :5] = 0.0, 0.0
+    sharp[:5, :5] = 1e-6 * np.eye(5)
+    state = slam.state.placed(replace(slam.state.belief, covariance=sharp))
+    assert np.sqrt(np.diag(state.belief.covariance)[:2]).min() > 0.02
+    joint = np.block(
+        [
+            [state.belief.covariance, state.mountings.cross.T],
+            [state.mountings.cross, state.mountings.covariance],
+        ]
+    )
+    scale = np.sqrt(np.diag(joint))
+    assert np.linalg.eigvalsh(joint / np.outer(scale, scale)).min() > -1e-9
+
+
+def test_maps_that_such_anchors_made_do_not_tell_where_they_stand():
+    """The next agent's claims don't shrink: the same anchors are off by the same."""
+    slam, first = stepped(place=0.3)
+    told = stood(steps=6, place=0.3)
+    second = gs.GridSlam(told, prior_map=slam.map(), seed=5)
+    for scan in gs.simulate(stood(steps=6, aside=drawn(64)), "agent1", 5):
+        estimate = second.step(scan)
+    assert estimate.anchors["A"].position_std_m > 0.9 * first.anchors["A"].position_std_m
+    plan = replace(slam.map(), provenance={})  # of a floor plan that was read from elsewhere, walls tell it
+    third = gs.GridSlam(told, prior_map=plan, seed=5, same_frame=True)
+    for scan in gs.simulate(stood(steps=6, aside=drawn(64)), "agent1", 5):
+        estimate = third.step(scan)
+    assert estimate.anchors["A"].position_std_m < 0.9 * first.anchors["A"].position_std_m

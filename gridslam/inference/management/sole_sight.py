@@ -44,7 +44,8 @@ def as_far_as_told(
     """
     state, departs = population.best, bool(np.isfinite(scan.aod_rad).any())
     if model.senders == 1:
-        if departs and model.mounting_variance and not population.searching and state.samples is None:
+        mounted = model.mounting_variance and state.mountings is None  # of which it would be part
+        if departs and mounted and not population.searching and state.samples is None:
             return held_at_least(population, model.mounting_variance, model), scan
         return turn_followed(population, departs, model), scan
     held, arrives = state.turn_variance is not None, bool(np.isfinite(scan.aoa_rad).any())

@@ -16,12 +16,26 @@ from gridslam.world.filter_model import FilterModel
 Model = TypeVar("Model", bound=FilterModel)
 
 
-def with_mountings(state: State, model: FilterModel) -> State:
-    """A state before the first step with the prior of how anchors stand, if it holds one joint Gaussian."""
+def with_mountings(state: State, model: FilterModel, heard: bool = False) -> State:
+    """A state before the first step with the prior of how anchors stand, if it holds one joint Gaussian.
+
+    Parameters
+    ----------
+    heard : bool
+        Whether its walls were found by such anchors: then they are off by what these have in common.
+    """
     if state.samples is not None or not model.settings.correlated:
         return state
     mountings = Mountings.start(model, len(state.belief.mean))
-    return with_common_turn(replace(state, mountings=mountings))
+    if mountings is None:
+        return state
+    state = replace(state, mountings=mountings)
+    if heard:
+        layout = state.belief.layout
+        belief, mountings = mountings.shared(state.belief, np.arange(layout.head, layout.size))
+        state = replace(state, belief=belief, mountings=mountings)
+    # of an only anchor that turn is most of what isn't known, and a start so wide would be searched for
+    return with_common_turn(state) if model.senders > 1 else state
 
 
 def with_common_turn(state: State) -> State:

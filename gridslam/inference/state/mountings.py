@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief, solved
-from gridslam.inference.beliefs.layout import AGENT, HEADING
+from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.beliefs.turn import direction
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit, wrap
@@ -51,12 +51,13 @@ class Mountings:
     def start(cls, model: FilterModel, size: int) -> Self | None:
         """The prior, independent of a belief of so many entries; None where all anchors stand as is told."""
         place, turn = model.mounting_std.T
-        if model.senders == 1:  # about which all may turn: `free_turn`
-            turn = np.zeros(1)
-        variance = np.square(np.column_stack([place, place, turn])).ravel()
+        departs = model.radio.departs  # without, nothing hangs on how anchors are turned, or tells it
+        variance = np.square(np.column_stack([place, place, departs * turn])).ravel()
         if not variance.any():
             return None
-        pivot, together, all_turn = common_turn(model.anchors[: model.senders, :2], place, turn)
+        told = turn if departs else np.full(len(turn), np.inf)
+        pivot, together, all_turn = common_turn(model.anchors[: model.senders, :2], place, told)
+        together = np.where(variance > 0, together, 0.0)
         covariance = np.diag(variance) - all_turn * np.outer(together, together)
         return cls(np.zeros(len(variance)), covariance, np.zeros((len(variance), size)), pivot, all_turn)
 
@@ -100,11 +101,23 @@ class Mountings:
             cross=gain @ after.covariance[there],
         )
 
-    def unlinked(self) -> Self:
-        """The same, independent of the agent: it was put elsewhere."""
-        cross = self.cross.copy()
-        cross[:, :AGENT] = 0.0
-        return replace(self, cross=cross)
+    def shared(self, belief: Belief, entries: NDArray[np.intp]) -> tuple[Belief, Self]:
+        """With entries of the belief, known as anchors tell them, off by as much as these are on the average.
+
+        A shift of all anchors moves an agent that they find, and walls that they found, along.
+        """
+        count = len(self.mean) // PER_ANCHOR
+        average = np.tile(np.eye(PER_ANCHOR)[:2], count) / count
+        slope = np.zeros((len(belief.mean), 2))
+        slope[entries] = -by_mounting(belief, self.pivot)[entries, :2]
+        shift = slope @ average
+        others = np.setdiff1d(np.arange(len(belief.mean)), entries)
+        cross, covariance = self.cross.copy(), belief.covariance.copy()
+        linked = shift[entries] @ self.cross[:, others]
+        covariance[np.ix_(entries, others)], covariance[np.ix_(others, entries)] = linked, linked.T
+        covariance[np.ix_(entries, entries)] += (shift @ self.covariance @ shift.T)[np.ix_(entries, entries)]
+        cross[:, entries] = self.covariance @ shift[entries].T
+        return replace(belief, covariance=covariance), replace(self, cross=cross)
 
     def framed(self, belief: Belief, anchor: int, model: FilterModel) -> tuple[Belief, Self]:
         """Belief and mountings in the frame in which an anchor stands as the model has it."""
@@ -141,12 +154,13 @@ def common_turn(place: Array, place_std: Array, turn_std: Array) -> tuple[Array,
     ----------
     place : (J, 2) m
     place_std, turn_std : (J,) m, rad
+        Infinite for turns that nothing depends on.
 
     Returns
     -------
     (pivot, together, variance)
         About where, so that it is independent of how else anchors stand, (2,); how they stand if all turn by
-        1, (3 J,); rad^2, 0 where an orientation or two places are known.
+        1, (3 J,); rad^2, 0 where an orientation or two places are known, or nothing is.
     """
     known = place_std == 0
     weight = known.astype(np.float64) if known.any() else place_std**-2.0
@@ -156,7 +170,8 @@ def common_turn(place: Array, place_std: Array, turn_std: Array) -> tuple[Array,
         return pivot, together, 0.0
     std = np.column_stack([place_std, place_std, turn_std]).ravel()
     moved = std > 0
-    return pivot, together, 1 / float(np.square(together[moved] / std[moved]).sum())
+    information = float(np.square(together[moved] / std[moved]).sum())
+    return pivot, together, 1 / information if information > 0 else 0.0
 
 
 def _together(place: Array, pivot: Array) -> Array:

@@ -12,6 +12,7 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.beliefs.element_gains import ElementGains
+from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.scans.leftovers import Leftovers, LineEvidence
 from gridslam.inference.scans.unexplained import Unexplained
@@ -156,10 +157,11 @@ class State:
     def placed(self, belief: Belief) -> Self:
         """This state with a belief about an agent that was put elsewhere, which nothing is linked with."""
         parked, mountings = self.parked, self.mountings
+        if mountings is not None:  # found by anchors, it is off by as much as they are
+            belief, mountings = mountings.shared(belief, np.arange(AGENT))
         return replace(
-            self, belief=belief, parked=None if parked is None else parked.unlinked(),
-            mountings=None if mountings is None else mountings.unlinked(),
-        )  # fmt: skip
+            self, belief=belief, parked=None if parked is None else parked.unlinked(), mountings=mountings
+        )
 
     @property
     def aside(self) -> Array | None:

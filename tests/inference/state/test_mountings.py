@@ -8,7 +8,7 @@ from filter_states import model_of
 
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.state.mountings import Mountings, by_mounting, common_turn, moved
-from gridslam.world.geometry import mirror, wrap
+from gridslam.world.geometry import mirror, unit, wrap
 
 PLACES = np.array([[1.0, 2.0, 0.3], [6.0, -1.0, 2.0], [3.0, 5.0, -1.0]])
 ROWS = slice(3, 6)
@@ -140,7 +140,6 @@ def test_motion_carries_correlations_with_the_velocity():
     after = mountings.predicted(0.5)
     np.testing.assert_allclose(after.cross[:, 0], mountings.cross[:, 0] + 0.5 * mountings.cross[:, 2])
     np.testing.assert_array_equal(after.cross[:, 2:], mountings.cross[:, 2:])
-    assert not mountings.unlinked().cross[:, :5].any()
 
 
 def test_what_two_anchors_leave_open_of_a_turn_of_all_by_hand():
@@ -169,9 +168,63 @@ def test_a_turn_of_all_is_left_out_of_the_prior_and_no_part_of_it_twice():
     assert start.turn_variance == variance
 
 
-def test_nothing_is_open_where_all_is_told_and_about_one_anchor_no_turn():
+def test_nothing_is_open_where_all_is_told_and_one_anchor_alone_takes_all_along():
     assert Mountings.start(model(0.0, 0.0), 5) is None
-    assert Mountings.start(model(0.0, 0.05, PLACES[:1]), 5) is None
     start = Mountings.start(model(0.1, 0.05, PLACES[:1]), 5)
-    np.testing.assert_allclose(np.diag(start.covariance), [0.01, 0.01, 0.0])
-    assert start.turn_variance == 0
+    np.testing.assert_allclose(np.diag(start.covariance), [0.01, 0.01, 0.0], atol=1e-15)
+    assert start.turn_variance == pytest.approx(0.05**2)
+    np.testing.assert_array_equal(start.pivot, PLACES[0, :2])
+
+
+def test_without_departures_nothing_hangs_on_turns_and_places_alone_tell_that_of_all():
+    own = model(0.1, 0.05)
+    silent = replace(own, radio=replace(own.radio, measures=("distance", "aoa")))
+    start = Mountings.start(silent, 5)
+    assert not start.covariance[2::3].any()
+    place = PLACES[:, :2]
+    lever = np.square(place - place.mean(0)).sum()
+    assert start.turn_variance == pytest.approx(0.01 / lever)
+    assert Mountings.start(replace(silent, mounting_std=np.array([[0.0, 0.05]] * 3)), 5) is None
+    alone = model(0.1, 0.05, PLACES[:1])
+    alone = replace(alone, radio=replace(alone.radio, measures=("distance", "aoa")))
+    assert Mountings.start(alone, 5).turn_variance == 0
+
+
+def test_who_is_found_by_anchors_is_off_by_what_they_have_in_common():
+    """Two of 0.1 m: on the average 0.1 / sqrt(2). One Gaussian with walls that hang on them, too."""
+    own = model(0.1, 0.0, PLACES[:2])
+    belief, mountings = linked(4, own)
+    mountings = replace(Mountings.start(own, 9), cross=mountings.cross)
+    found = belief.covariance.copy()
+    found[:5], found[:, :5] = 0.0, 0.0
+    found[:5, :5] = np.diag([1e-4, 1e-4, 1e-2, 1e-2, 1e-4])
+    after, linked_to = mountings.shared(replace(belief, covariance=found), np.arange(5))
+    np.testing.assert_allclose(np.diag(after.covariance)[:2], 1e-4 + 0.005)
+    np.testing.assert_allclose(after.covariance[2:5, 2:5], found[2:5, 2:5])
+    average = np.tile(np.eye(3)[:2], 2) / 2
+    np.testing.assert_allclose(linked_to.cross[:, :2], mountings.covariance @ average.T)
+    np.testing.assert_allclose(after.covariance[:2, 5:], average @ mountings.cross[:, 5:])
+    assert not linked_to.cross[:, 2:5].any()
+
+
+def test_walls_that_anchors_found_are_shifted_along_their_normals():
+    own, belief = model(0.1, 0.0, PLACES[:2]), belief_of(5)
+    belief.covariance[:5, 5:] = belief.covariance[5:, :5] = 0.0  # of another agent
+    start = Mountings.start(own, 9)
+    after, linked_to = start.shared(belief, np.arange(5, 9))
+    normal = unit(belief.lines[:, 0])
+    shared = 0.005 * normal @ normal.T
+    added = after.covariance - belief.covariance
+    np.testing.assert_allclose(added[np.ix_([6, 8], [6, 8])], shared, atol=1e-15)
+    np.testing.assert_allclose(added[[5, 7]], 0, atol=1e-15)
+    assert not linked_to.cross[:, :5].any()
+
+
+def test_angles_that_pass_the_half_turn_are_followed_the_short_way():
+    belief, mountings = linked(2)
+    mean = belief.mean.copy()
+    before = replace(belief, mean=np.where(np.arange(9) == 4, np.pi - 0.01, mean))
+    after = replace(belief, mean=np.where(np.arange(9) == 4, -np.pi + 0.01, mean))
+    gain = np.linalg.solve(belief.covariance, mountings.cross.T).T
+    moved_by = mountings.following(before, after).mean - mountings.mean
+    np.testing.assert_allclose(moved_by, 0.02 * gain[:, 4], rtol=1e-6)

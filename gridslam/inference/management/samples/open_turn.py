@@ -14,15 +14,15 @@ from gridslam.world.signal_scan import SignalScan
 def turn_held(
     population: Population[State], scan: SignalScan, model: SignalModel, work: Workspace
 ) -> Population[State]:
-    """The population before a scan, with the turn held out that nothing tells, or that elements' errors hide,
-    or that the anchor is mounted with."""
+    """The population before a scan, with the turn held out that nothing tells, or that elements' errors
+    hide."""
     if not scan.heard.any():
         return population
     sole = model.senders == 1 and scan.heading_rad is None
     departs = any(len(element) > 1 for element in model.waveform.anchor_element_m)
     if not (sole and departs) or population.searching:
         return turn_followed(population, not sole, model)
-    hidden = hidden_turn(population.best, model, work) + model.mounting_variance
+    hidden = hidden_turn(population.best, model, work)
     return held_at_least(population, hidden, model) if hidden else turn_followed(population, True, model)
 
 

@@ -19,7 +19,7 @@ from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Comp
 from gridslam.inference.messages.samples.array_search import FoundPaths, find_paths
 from gridslam.inference.messages.samples.noise_levels import learned_noise
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
-from gridslam.inference.messages.samples.state_mode import ArrayErrors, PathsPrior, is_wide, paths_at
+from gridslam.inference.messages.samples.state_mode import PathsPrior, is_wide, paths_at
 from gridslam.inference.state.population import moments
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -52,8 +52,8 @@ class Snapshot:
         With the elements' factors, as far as they are known, taken out.
     factor : (A, B) or None
         These; None: none are known.
-    errors : ArrayErrors or None
-        Of what of the factors isn't told, and of how the anchor is mounted.
+    phase_std : float
+        Of what of the factors isn't told, see `PathsPrior`; 0: of nothing.
     noise : float
         Power of the noise in each sample.
     fades : bool
@@ -73,7 +73,7 @@ class Snapshot:
     band: ArrayBand
     samples: Complex
     factor: Complex | None
-    errors: ArrayErrors | None
+    phase_std: float
     noise: float
     fades: bool
     rays: Rays
@@ -156,12 +156,9 @@ def without_factors(state: State, samples: Complex, anchor: int) -> tuple[Comple
     return samples / factor[..., None], factor
 
 
-def array_errors(state: State, anchor: int, model: SignalModel) -> ArrayErrors | None:
-    """What turns the paths of an anchor's snapshots, (M567), (M568); None if nothing is known to."""
-    phase = math.sqrt(state.factors.phase_variance(model.waveform)) if state.factors else 0.0
-    turns = state.turn_variance is None and state.mountings is None  # or all turns with the anchor
-    errors = ArrayErrors(phase, float(model.orientation_std[anchor]) if turns else 0.0)
-    return errors if any(errors) else None
+def phase_std_of(state: State, model: SignalModel) -> float:
+    """Deviation of elements' phases (rad), where samples tell that some are off: (M567); else 0."""
+    return math.sqrt(state.factors.phase_variance(model.waveform)) if state.factors else 0.0
 
 
 def take_snapshot(
@@ -187,7 +184,7 @@ def take_snapshot(
     rays = Rays(paths.rays.table.copy(), paths.rays.existence.copy(), paths.rays.surfaces.copy())
     samples, factor = without_factors(state, scan.samples[anchor], anchor)
     return Snapshot(
-        anchor, band, samples, factor, array_errors(state, anchor, model), float(state.noise[anchor]),
+        anchor, band, samples, factor, phase_std_of(state, model), float(state.noise[anchor]),
         model.fades, rays, visible.validity * visible.possible, length, amplitudes.nodes / length[:, None],
         amplitudes.probability.copy(), amplitudes.radio,
     )  # fmt: skip
@@ -247,7 +244,7 @@ def _weighed(
     if unsure.any():
         unsure[unsure] = is_wide(snapshot.band, state.belief, place, table[unsure])  # (M521)
         weight = np.where(unsure, FAINT * snapshot.noise, weight)
-    prior = PathsPrior(state.belief, place, table, weight, np.zeros((0, 3)), snapshot.errors)
+    prior = PathsPrior(state.belief, place, table, weight, np.zeros((0, 3)), snapshot.phase_std)
     found = find_paths(snapshot.band, snapshot.samples, prior, snapshot.noise, power[followed])
     mode = found.mode
     matched, own, log_mean = np.zeros(len(chance)), np.zeros(len(chance)), np.zeros(len(chance))

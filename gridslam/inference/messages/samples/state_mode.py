@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,25 +32,10 @@ FREE = np.array([1e-2, 1e-1, 1e-1])
 WIDE, STARTS = 0.7, 48
 """Turn of phase (rms, rad) within a deviation of a path's prediction, from which on the posterior may have
 several modes; states that are tried then, drawn from the belief."""
-TURNS, LEAST_ACROSS = 5, 0.01
-"""Slopes, along x and y, of phases over the anchor's array and the agent's, and the anchor's turn; share of
-an array's extent that it has across a direction at least."""
+TURNS, LEAST_ACROSS = 4, 0.01
+"""Slopes, along x and y, of phases over the anchor's array and the agent's; share of an array's extent that
+it has across a direction at least."""
 Whole = NDArray[np.int32]
-
-
-class ArrayErrors(NamedTuple):
-    """What turns all departures or all arrivals of a snapshot beside the state, (M567), (M568).
-
-    Attributes
-    ----------
-    phase_std : float
-        Of elements' phases, whose planes nobody knows, rad.
-    orientation_std : float
-        Of the anchor's orientation, rad.
-    """
-
-    phase_std: float
-    orientation_std: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +54,9 @@ class PathsPrior:
         Mean power of each path, times the probability that it is there.
     free : (F, 3) m, rad, rad
         Paths of which nothing is known: where the search for them begins.
-    errors : ArrayErrors, optional
-        Of both arrays; default: none.
+    phase_std : float
+        Of elements' phases, whose planes nobody knows, rad: they turn all departures or all arrivals of a
+        snapshot beside the state, (M567).
     """
 
     belief: Belief
@@ -79,7 +64,7 @@ class PathsPrior:
     table: Whole
     weight: Array
     free: Array
-    errors: ArrayErrors | None = None
+    phase_std: float = 0.0
 
     def with_path(self, path: Array, weight: float) -> PathsPrior:
         """One free path (3,) more."""
@@ -227,7 +212,7 @@ class _States:
         self.root, self.head = np.ascontiguousarray(prior.belief.root), prior.belief.layout.head
         self.size = len(self.root)
         self.matters = prior.weight > noise
-        turns = 0 if prior.errors is None else TURNS
+        turns = TURNS if prior.phase_std else 0
         self.precision = np.concatenate(
             [np.ones(self.size), np.tile(FREE**2, len(prior.free)), np.ones(turns)]
         )
@@ -243,8 +228,8 @@ class _States:
             slope = np.zeros((len(path), 3, len(numbers)))
             slope[:count, :, :size] = by_state
             slope[count:, :, size:last] = np.eye(last - size).reshape(len(prior.free), 3, last - size)
-            if prior.errors is not None:
-                slope[:, :, last:] = _turning(path, self.band, prior.errors)
+            if prior.phase_std:
+                slope[:, :, last:] = _turning(path, self.band, prior.phase_std)
                 turned = slope[:, :, last:] @ numbers[last:]
                 path = path + turned
         square = float(self.precision @ numbers**2)
@@ -291,7 +276,7 @@ class _States:
         slope, count = place.slope.reshape(-1, 3, len(numbers)), self.prior.free.size
         free = np.asarray(covariance[size : size + count, size : size + count], np.float64)
         told = information[:size, :size]
-        if self.prior.errors is not None:  # of what is left of it where nobody knows how arrays turn paths
+        if self.prior.phase_std:  # of what is left of it where nobody knows how arrays turn paths
             by, own = information[:size, size + count :], information[size + count :, size + count :]
             told = told - by @ np.linalg.solve(own + np.eye(TURNS), by.T)
         return StateMode(
@@ -300,7 +285,7 @@ class _States:
         )  # fmt: skip
 
 
-def _turning(path: Array, band: ArrayBand, errors: ArrayErrors) -> Array:
+def _turning(path: Array, band: ArrayBand, phase_std: float) -> Array:
     """Derivatives of paths (N, 3) by what turns them, each in units of its deviation, (N, 3, TURNS).
 
     Slopes of phases that no plane tells have the inverse of the array's extent for a covariance: across a
@@ -312,8 +297,7 @@ def _turning(path: Array, band: ArrayBand, errors: ArrayErrors) -> Array:
         extent = np.maximum(squared(across).sum(1), LEAST_ACROSS * squared(root).sum())
         if extent.all():
             own = slice(2 * array, 2 * array + 2)
-            slope[:, 1 + array, own] = errors.phase_std * across / extent[:, None]
-    slope[:, 1, -1] = errors.orientation_std
+            slope[:, 1 + array, own] = phase_std * across / extent[:, None]
     return slope
 
 
