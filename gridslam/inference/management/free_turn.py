@@ -138,9 +138,9 @@ def position_spread(state: State, model: FilterModel) -> float:
         x, y = (model.places[state.turn_anchor, :2] - state.belief.mean[:2]).tolist()
         turn, depth = state.turn_variance, shortened(state.turn_variance)
         xx, yy = xx + turn * (y * y) + depth * (x * x), yy + turn * (x * x) + depth * (y * y)
-    if state.mountings is not None:
-        xx += state.mountings.turn_variance * math.dist(state.mountings.pivot, state.belief.mean[:2]) ** 2
-    return math.sqrt(xx + yy)
+    own = state.mountings
+    with_all = own.turn_variance * math.dist(own.pivot, state.belief.mean[:2]) ** 2 if own else 0.0
+    return math.sqrt(xx + yy + with_all)
 
 
 def put_back(state: Turning, model: FilterModel) -> Turning:

@@ -11,16 +11,15 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.belief import Belief, solved
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import HEADING
+from gridslam.inference.beliefs.regression import Beside, Rows, following
 from gridslam.inference.beliefs.turn import direction
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit, wrap
 
-Rows = NDArray[np.intp]
 PER_ANCHOR = 3
 """Entries of an anchor: how far it stands aside of where it is told to, dx, dy (m), and its turn (rad)."""
 
@@ -70,7 +69,8 @@ class Mountings:
         """Deviations in the scene, (J, 3): what isn't known of a turn of all is part of them."""
         together = _together(model.anchors[: model.senders, :2], self.pivot)
         variance = self.covariance.diagonal() + self.turn_variance * together**2
-        return np.sqrt(np.maximum(variance, 0.0)).reshape(-1, PER_ANCHOR)
+        std = np.sqrt(np.maximum(variance, 0.0)).reshape(-1, PER_ANCHOR)
+        return std if model.radio.departs else np.column_stack([std[:, :2], model.orientation_std])
 
     def predicted(self, dt: float) -> Self:
         """A step of so many seconds on: the agent has moved."""
@@ -79,29 +79,13 @@ class Mountings:
         return replace(self, cross=cross)
 
     def following(self, before: Belief, after: Belief, rows: tuple[Rows, Rows] | None = None) -> Self:
-        """The same once the joint belief has become `after`, by whatever it was updated with.
-
-        By their regression on it, as parked surfaces do: see `Parked.following`.
-
-        Parameters
-        ----------
-        rows : ((R,), (R,)), optional
-            Entries of `before` that are in `after` still, and where. Default: all, at the same places.
-        """
-        own, there = rows if rows is not None else (np.arange(len(before.mean)),) * 2
-        known = before.covariance[np.ix_(own, own)]
-        gain = solved(known, self.cross[:, own].T).T
-        shift = after.mean[there] - before.mean[own]
-        shift[_turning(before)[own]] = wrap(shift[_turning(before)[own]])
-        covariance = self.covariance + gain @ (after.covariance[np.ix_(there, there)] - known) @ gain.T
-        return replace(
-            self,
-            mean=self.mean + gain @ shift,
-            covariance=0.5 * (covariance + covariance.T),
-            cross=gain @ after.covariance[there],
+        """The same once the joint belief has become `after`; see `regression.following`."""
+        mean, covariance, cross = following(
+            Beside(self.mean, self.covariance, self.cross), before, after, rows
         )
+        return replace(self, mean=mean, covariance=covariance, cross=cross)
 
-    def shared(self, belief: Belief, entries: NDArray[np.intp]) -> tuple[Belief, Self]:
+    def shared(self, belief: Belief, entries: Rows) -> tuple[Belief, Self]:
         """With entries of the belief, known as anchors tell them, off by as much as these are on the average.
 
         A shift of all anchors moves an agent that they find, and walls that they found, along.
@@ -122,13 +106,13 @@ class Mountings:
     def framed(self, belief: Belief, anchor: int, model: FilterModel) -> tuple[Belief, Self]:
         """Belief and mountings in the frame in which an anchor stands as the model has it."""
         place, stands, turn = self._places(anchor, model)
-        return self._linked(moved(belief, stands, place, -turn), anchor, place, 1.0)
+        return self._linked(carried(belief, stands, place, -turn), anchor, place, 1.0)
 
     def unframed(self, belief: Belief, anchor: int, model: FilterModel) -> tuple[Belief, Self]:
         """They in the scene's frame, from that of an anchor."""
         place, stands, turn = self._places(anchor, model)
         linked, after = self._linked(belief, anchor, place, -1.0)
-        return moved(linked, place, stands, turn), after
+        return carried(linked, place, stands, turn), after
 
     def _places(self, anchor: int, model: FilterModel) -> tuple[Array, Array, float]:
         """Where the model has an anchor, where it is believed to stand, and how it is turned against that."""
@@ -180,7 +164,7 @@ def _together(place: Array, pivot: Array) -> Array:
     return np.column_stack([-y, x, np.ones(len(place))]).ravel()
 
 
-def moved(belief: Belief, origin: Array, to: Array, turn: float) -> Belief:
+def carried(belief: Belief, origin: Array, to: Array, turn: float) -> Belief:
     """The belief with its mean turned about `origin` (2,), and shifted with that `to` (2,)."""
     layout, mean = belief.layout, belief.mean.copy()
     cosine, sine = np.cos(turn), np.sin(turn)
@@ -201,10 +185,3 @@ def by_mounting(belief: Belief, place: Array) -> Array:
     slope[belief.layout.offsets, :2] = -unit(belief.mean[belief.layout.angles])
     slope[:, 2] = -direction(belief, place)
     return slope
-
-
-def _turning(belief: Belief) -> NDArray[np.bool_]:
-    """Which entries (N,) are angles."""
-    turning = np.zeros(len(belief.mean), bool)
-    turning[HEADING] = turning[belief.layout.angles] = True
-    return turning

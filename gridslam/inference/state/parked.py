@@ -10,15 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.inference.beliefs.belief import Belief, solved
-from gridslam.inference.beliefs.layout import AGENT, HEADING, PER_LINE
+from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.layout import AGENT, PER_LINE
+from gridslam.inference.beliefs.regression import Beside, Rows, following
 from gridslam.inference.state.surface_bank import SurfaceBank
-from gridslam.world.geometry import wrap
-
-Whole = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,30 +74,12 @@ class Parked:
         covariance[angle + 1, angle + 1] += turn * foot**2 + shift**2
         return replace(self, cross=cross, covariance=covariance)
 
-    def following(self, before: Belief, after: Belief, rows: tuple[Whole, Whole] | None = None) -> Self:
-        """The same once the joint belief has become `after`, by whatever it was updated with.
-
-        With G = cross cov(before)^-1, means move by G times what the belief's moved by, covariances by
-        G (change of the belief's) G^T; what is new in it is independent of the parked, given the rest.
-
-        Parameters
-        ----------
-        rows : ((R,), (R,)), optional
-            Entries of `before` that are in `after` still, and where. Default: all, at the same places.
-        """
-        own, there = rows if rows is not None else (np.arange(len(before.mean)),) * 2
-        known = before.covariance[np.ix_(own, own)]
-        gain = solved(known, self.cross[:, own].T).T
-        shift = after.mean[there] - before.mean[own]
-        turning = (own == HEADING) | ((own >= before.layout.head) & ((own - before.layout.head) % 2 == 0))
-        shift[turning] = wrap(shift[turning])
-        covariance = self.covariance + gain @ (after.covariance[np.ix_(there, there)] - known) @ gain.T
-        return replace(
-            self,
-            mean=self.mean + gain @ shift,
-            covariance=0.5 * (covariance + covariance.T),
-            cross=gain @ after.covariance[there],
+    def following(self, before: Belief, after: Belief, rows: tuple[Rows, Rows] | None = None) -> Self:
+        """The same once the joint belief has become `after`; see `regression.following`."""
+        mean, covariance, cross = following(
+            Beside(self.mean, self.covariance, self.cross), before, after, rows
         )
+        return replace(self, mean=mean, covariance=covariance, cross=cross)
 
     def unlinked(self) -> Self:
         """The same, independent of the agent: it was put elsewhere."""

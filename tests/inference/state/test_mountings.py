@@ -7,7 +7,7 @@ import pytest
 from filter_states import model_of
 
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.state.mountings import Mountings, by_mounting, common_turn, moved
+from gridslam.inference.state.mountings import Mountings, by_mounting, carried, common_turn
 from gridslam.world.geometry import mirror, unit, wrap
 
 PLACES = np.array([[1.0, 2.0, 0.3], [6.0, -1.0, 2.0], [3.0, 5.0, -1.0]])
@@ -83,7 +83,7 @@ def test_derivatives_are_those_of_how_it_looks_from_there(entry):
     for sign in (1, -1):
         stands = np.zeros(3)
         stands[entry] = sign * step
-        seen.append(moved(belief, place + stands[:2], place, -stands[2]).mean)
+        seen.append(carried(belief, place + stands[:2], place, -stands[2]).mean)
     np.testing.assert_allclose(
         (seen[0] - seen[1]) / (2 * step), by_mounting(belief, place)[:, entry], atol=1e-7
     )
@@ -184,6 +184,7 @@ def test_without_departures_nothing_hangs_on_turns_and_places_alone_tell_that_of
     place = PLACES[:, :2]
     lever = np.square(place - place.mean(0)).sum()
     assert start.turn_variance == pytest.approx(0.01 / lever)
+    np.testing.assert_allclose(start.in_scene(silent), np.tile([0.1, 0.1, 0.05], (3, 1)))
     assert Mountings.start(replace(silent, mounting_std=np.array([[0.0, 0.05]] * 3)), 5) is None
     alone = model(0.1, 0.05, PLACES[:1])
     alone = replace(alone, radio=replace(alone.radio, measures=("distance", "aoa")))
