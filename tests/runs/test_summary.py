@@ -17,11 +17,12 @@ from gridslam.simulation.network import simulate_network
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
-    """What runs left: of two agents that never were, of heights that aren't known, of a network, of files."""
+    """What runs left: of two agents never there, of unknown heights and places, of a network, of files."""
     place = tmp_path_factory.mktemp("written")
     write(place / "hall", hall())
     scene = with_levels(raised(shortened(gs.Scene.load("room"), 3), [1.5, 1.1])).model_dump(exclude_none=True)
     scene["agents"][0]["height_std_m"] = 0.05
+    scene["anchors"][0]["position_std_m"] = 0.05
     scene["floor"] |= {"height_std_m": 0.05, "coefficient_std": 0.1}
     scene["filter"] = {**scene["filter"], "particles": 100}
     scene = gs.Scene.checked(scene, "high")
