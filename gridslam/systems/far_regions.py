@@ -19,10 +19,16 @@ from gridslam.world.geometry import gap_to_origin, moved_lines, wrap
 from gridslam.world.scene_parts import GridSpec
 
 
-def middle_of(grid: GridSpec) -> Array:
-    """About where a filter is to reckon, (2,) whole m: the origin, if the region holds it, or its middle."""
+def middle_of(grid: GridSpec, anywhere: bool = False) -> Array:
+    """About where a filter is to reckon, (2,) whole m: the origin, if the region holds it, or its middle.
+
+    Parameters
+    ----------
+    anywhere : bool
+        The middle wherever the region is.
+    """
     sides = np.array([grid.x_m, grid.y_m])
-    return np.round(sides.mean(1)) if gap_to_origin(*sides.T) else np.zeros(2)
+    return np.round(sides.mean(1)) if anywhere or gap_to_origin(*sides.T) else np.zeros(2)
 
 
 def about(model: FilterModel, middle: Array) -> FilterModel:

@@ -163,8 +163,12 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         return None
 
     def _about_middle(self, model: FilterModel) -> FilterModel:
-        """The model in the coordinates that the system reckons in."""
-        return about(model, middle_of(model.grid)) if self.centres else model
+        """The model in the coordinates that the system reckons in.
+
+        Where anchors may be turned, walls' offsets from a far origin have long levers: about the middle then.
+        """
+        turning = self.finds_places and bool(model.unsure.any())
+        return about(model, middle_of(model.grid, turning)) if self.centres else model
 
     def _model(self, model: FilterModel) -> Any:
         """What the system takes of the model."""
