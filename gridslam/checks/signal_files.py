@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.checks.signal_delays import Delays, delay_profile
 from gridslam.checks.signal_directions import Directions, directions
+from gridslam.checks.signal_elements import sample_faults
 from gridslam.checks.signal_places import MOST_PLACES, Complex, Places, exchanged, places_of
 from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
@@ -86,6 +87,7 @@ def describe_signal(
     if not usable.any():
         return lines
     lines += _levels(raw, samples, usable, waveform)
+    lines += [f"suspect: samples: {fault}" for fault in sample_faults(samples, usable, raw["anchors"])]
     if scene is not None and tuple(raw["anchors"]) != scene.anchor_names:
         lines.append(f"suspect: anchors: names that aren't the scene's ({', '.join(scene.anchor_names)})")
     places = places_of(raw, usable, scene, agent)

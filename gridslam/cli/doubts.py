@@ -75,19 +75,23 @@ def start_notes(world: Scene, runs: Sequence[Run]) -> list[str]:
 
 
 def absurd_notes(runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
-    """What the numbers of a table alone give away: deviations of angles in degrees let anything fit."""
+    """What the numbers alone give away: deviations of angles in degrees let anything fit; dead antennas."""
     import numpy as np
 
+    from gridslam.checks.signal_elements import sample_faults
     from gridslam.checks.unit_hypotheses import absurd
+    from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
 
-    tables = [(run.agent, one) for run, one in zip(runs, observations, strict=True)]
-    return [
-        f"{agent}: suspect: {item}"
-        for agent, heard in tables
-        if isinstance(heard, Measurements)
-        for item in absurd({name: np.asarray(values) for name, values in heard.columns.items()})[0]
-    ]
+    notes = []
+    for run, heard in zip(runs, observations, strict=True):
+        found: Sequence[object] = []
+        if isinstance(heard, Measurements):
+            found = absurd({name: np.asarray(values) for name, values in heard.columns.items()})[0]
+        elif isinstance(heard, Recording):
+            found = sample_faults(heard.samples, heard.heard, heard.anchors)
+        notes += [f"{run.agent}: suspect: {item}" for item in found]
+    return notes
 
 
 def course_notes(runs: Sequence[Run]) -> list[str]:

@@ -105,6 +105,8 @@ FAULTS = {
         {"heading_rad": lambda h: np.full_like(h, wrap(30.0))},  # as Recording.from_arrays keeps 30 degrees
         "heading_rad: degrees, not radians",
     ),
+    "dead": ({"samples": lambda z: z * [[1], [0], [1], [1]]}, "agent: element 2 of 4 hears nothing"),
+    "stuck": ({"samples": lambda z: np.repeat(z[:1], len(z), 0)}, "anchor B: snapshots repeat: 19 of 20"),
     "heading": ({"heading_rad": np.negative}, "heading_rad: the opposite sign"),
     "north": ({"heading_rad": lambda h: np.pi / 2 - h + 0.7}, "heading_rad: another frame"),
 }

@@ -54,6 +54,16 @@ def test_deviations_in_degrees_are_told_of_any_run():
     assert note.startswith("agent1: suspect: aoa_std_rad: degrees, where radians belong")
 
 
+def test_a_dead_antenna_of_a_recording_is_noted():
+    heard = gs.simulate(gs.Scene.load("screen"), "agent1", seed=1, what="signal")
+    run = SimpleNamespace(agent="agent1")
+    assert absurd_notes([run], [heard]) == []
+    samples = heard.samples.copy()
+    samples[:, :, :, 1] = 0
+    (note,) = absurd_notes([run], [replace(heard, samples=samples)])
+    assert note.startswith("agent1: suspect: agent: element 2 of 4 hears nothing")
+
+
 def test_elements_that_are_off_are_told_as_the_last_estimate_has_them():
     scan = gs.simulate(ROOM, "agent1", seed=12).scan(0)
     right = gs.Estimate.of_pose(scan, np.zeros(2), 0.0, 1e-4 * np.eye(5))
