@@ -38,6 +38,8 @@ MOST_PATHS = 24
 BLOCK_SAMPLES = 2**21
 """Samples of the snapshots that are worked at together."""
 LEAST_LENGTH = 1e-6
+ROUNDING = 1e-15
+"""Noise of samples in single precision, over their mean power: the least there can be."""
 BELIEVED = 16.0
 """Power that a path's amplitude is believed to have, over that of the snapshot's strongest peak: (M295)."""
 
@@ -114,7 +116,9 @@ def _paths_of(recording: Recording, anchor: int, rate: float, most: int) -> dict
         own = steps[begin : begin + block]
         samples = recording.samples[own, anchor].astype(np.complex128)
         fit = find_paths(band, samples, rate, most)
-        noise = noise_power(band, fit)
+        # what is left of noiseless samples is rounding, and may fall below 0
+        rounding = ROUNDING * (np.abs(samples) ** 2).mean((1, 2, 3))
+        noise = np.maximum(noise_power(band, fit), rounding)
         spread = deviations(band, samples, fit, noise)
         row, column = np.nonzero(fit.there)
         values, errors = fit.paths[row, column], spread[row, column]

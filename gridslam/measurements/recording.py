@@ -55,8 +55,8 @@ class Recording:
     Raises
     ------
     InputError
-        Shapes that don't match, times that don't rise, NaN or zeros alone in a heard snapshot, or nothing
-        heard at all.
+        Shapes that don't match, times that don't rise, NaN or zeros alone in a heard snapshot, no imaginary
+        part in any of them, or nothing heard at all.
     """
 
     samples: NDArray[np.complex64]
@@ -233,9 +233,7 @@ class Recording:
         even = np.asarray(interval_s * np.arange(steps), np.float64)
         time: Array = even if time_s is None else np.asarray(time_s, np.float64)
         there = np.ones((steps, count), dtype=bool) if heard is None else np.asarray(heard)
-        return cls(
-            samples=array, time_s=time, heard=there, waveform=waveform, anchors=tuple(anchors), **more
-        )  # fmt: skip
+        return cls(samples=array, time_s=time, heard=there, waveform=waveform, anchors=tuple(anchors), **more)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:
         """Write everything, the truth included, as HDF5 (``h5read`` of MATLAB reads it).
@@ -332,6 +330,10 @@ def _check_snapshots(samples: NDArray[np.complex64], received: NDArray[np.bool_]
             step, anchor = np.argwhere(bad)[0]
             allowed = "what was received, or heard = false"
             raise InputError(f"signal: samples[{step}, {anchor}]", fault, allowed)
+    if not samples.imag.any():
+        raise InputError(
+            "signal: samples", "real numbers alone", "complex samples: their phases tell lengths"
+        )
 
 
 def _elements(given: ArrayLike | None, shape: tuple[int, ...], name: str) -> Array:

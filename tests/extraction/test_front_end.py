@@ -306,3 +306,16 @@ def test_lengths_and_angles_of_paths_before_take_part_of_the_noise_as_amplitudes
             for count, freedom in ((1, first), (2, second))
         ]
         np.testing.assert_allclose(found[0], found[1])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "samples", [1j * np.ones((1, 41)), np.exp(-2j * np.pi * FREQUENCIES * 5.0 / C)[None]]
+)
+def test_samples_without_any_noise_are_measured_without_a_warning(samples):
+    """What is left over beside their paths is rounding, which may be less than nothing."""
+    found = gs.extract(recording(np.tile(samples, (3, 1, 1))), false_alarms=0.01)
+    assert len(found) == 3
+    for column in (found.amplitude, found.distance_std_m):
+        assert np.isfinite(column).all()
+        assert (column > 0).all()

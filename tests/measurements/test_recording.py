@@ -102,8 +102,24 @@ def test_few_frequencies_and_odd_shapes_are_refused():
         recording(np.ones((3, 41)))
 
 
+def test_real_numbers_are_refused_in_memory_and_in_files(tmp_path):
+    """Their phases are lost, and with them every length: magnitudes, or a real part, were kept."""
+    told = "signal: samples: found real numbers alone; allowed: complex samples"
+    z = samples_of([5.0], 3)
+    for samples in (z.real, np.abs(z), np.abs(z) + 0j, np.ones((3, 1, 41), int)):
+        with pytest.raises(InputError, match=told):
+            recording(samples)
+    recording(z).to_h5(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file["signal/samples"][..., 1] = 0
+    content = (tmp_path / "a.h5").read_bytes().split(b"gridslam crc32 ")[0]
+    (tmp_path / "a.h5").write_bytes(content + seal(content))
+    with pytest.raises(InputError, match=told):
+        gs.Recording.from_h5(tmp_path / "a.h5")
+
+
 def test_elements_must_be_given_and_in_metres():
-    z = np.ones((3, 1, 2, 1, 41))
+    z = 1j * np.ones((3, 1, 2, 1, 41))
     with pytest.raises(InputError, match=r"anchor_element_m.*none of 2"):
         recording(z)
     spaced = np.array([[[0.0, 0.0], [0.0, 0.25]]])
@@ -268,7 +284,7 @@ def test_headings_in_degrees_are_refused_before_they_are_wrapped():
         np.array([10.0, 50.0, 93.0]),
         r"heading_rad: found 93; allowed: radians, four turns at most",
     )
-    samples, offset = np.ones((3, 1, 8), np.complex64), 1e7 * np.arange(8)
+    samples, offset = 1j * np.ones((3, 1, 8), np.complex64), 1e7 * np.arange(8)
     with pytest.raises(InputError, match=told):
         gs.Recording.from_arrays(samples, 6e9, offset, ["A"], heading_rad=heading)
     assert len(gs.Recording.from_arrays(samples, 6e9, offset, ["A"], heading_rad=np.radians(heading))) == 3
