@@ -331,9 +331,7 @@ def _check_snapshots(samples: NDArray[np.complex64], received: NDArray[np.bool_]
             allowed = "what was received, or heard = false"
             raise InputError(f"signal: samples[{step}, {anchor}]", fault, allowed)
     if not samples.imag.any():
-        raise InputError(
-            "signal: samples", "real numbers alone", "complex samples: their phases tell lengths"
-        )
+        raise InputError("signal: samples", "real numbers alone", "complex samples, with their phases")
 
 
 def _elements(given: ArrayLike | None, shape: tuple[int, ...], name: str) -> Array:

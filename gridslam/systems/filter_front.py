@@ -24,6 +24,7 @@ from gridslam.maps.run_identity import Identity, refuse_heard
 from gridslam.systems.far_regions import about, middle_of, moved_map
 from gridslam.wording import counted
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.network_scene import require_in_reach
 from gridslam.world.observation import Kind, Observation
 from gridslam.world.scan import Scan, require_step
 from gridslam.world.scene import Scene
@@ -240,8 +241,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         ------
         InputError
             It makes no sense, see `Scan.checked` and `SignalScan.checked`, its step is no whole number or
-            below that of the scan before, or the map that the filter began with was made of it; the filter
-            stays as it was.
+            below that of the scan before, or the map that the filter began with was made of it, or no
+            distance of the first is one that the radio measures; the filter stays as it was.
         """
         began = time.perf_counter()
         scan = self._checked(scan, self.state.time_s)
@@ -249,6 +250,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         identity = self.now.identity.after(scan)
         if identity.scans == 1:
             refuse_heard(self.provenance, identity)
+            require_in_reach(scan, self.scene)
         with runtime.one_blas_thread():
             believed, info = self._advanced(scan)
             estimate = self.estimate(believed, scan, info, began)

@@ -61,6 +61,9 @@ ONE_AGENT = "one (run --agent NAME takes one's rows), or a method for several (n
 """What is allowed where a table holds several agents, and one is asked for."""
 UNITS = {"agent": "index"} | {name: column.unit for name, column in BY_NAME.items()}
 
+LEAST_M = 1e-3
+"""What half of all distances are above at least: no device stands nearer to its anchors."""
+
 Columns = dict[str, NDArray[Any]]
 
 
@@ -83,7 +86,7 @@ def require_distances(columns: Mapping[str, NDArray[Any]]) -> None:
 
 
 def require_within(columns: Mapping[str, NDArray[Any]], most_m: float) -> None:
-    """Refuse a table of which no distance is one that the radio measures: most are in another unit.
+    """Refuse a table of which no distance is one that the radio measures: they are in another unit.
 
     Parameters
     ----------
@@ -93,13 +96,18 @@ def require_within(columns: Mapping[str, NDArray[Any]], most_m: float) -> None:
     Raises
     ------
     InputError
-        There are distances, and each is longer.
+        There are distances, and each is longer, or half of them are shorter than `LEAST_M`.
     """
     distance = columns.get("distance_m", np.zeros(0))
     distance = distance[np.isfinite(distance)]
-    if len(distance) and distance.min() > most_m:
-        found = f"{distance.min():.4g} to {distance.max():.4g} m"
+    if not len(distance):
+        return
+    found = f"{distance.min():.4g} to {distance.max():.4g} m"
+    if distance.min() > most_m:
         raise InputError("distance_m", found, f"up to radio.max_distance_m, {most_m:g} m (metres?)")
+    if np.median(np.abs(distance)) < LEAST_M:
+        allowed = f"metres, half of them above {LEAST_M:g} m (of delays in seconds: times 299792458)"
+        raise InputError("distance_m", found, allowed)
 
 
 def check_columns(

@@ -6,13 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gridslam.errors import InputError
+from gridslam.errors import InputError, located
 from gridslam.world.clocks import NS, ClockModel, Clocks
+from gridslam.world.columns import require_within
 from gridslam.world.filter_model import fixed
 from gridslam.world.names import same_folder
 from gridslam.world.network_model import NetworkModel
+from gridslam.world.network_scan import NetworkScan
+from gridslam.world.observation import Observation
+from gridslam.world.scan import Scan
 from gridslam.world.scene import Scene
 from gridslam.world.scene_parts import Agent, Anchor
+
+FEW = 3
+"""Distances of a scan from which on their unit is judged."""
 
 
 def network_model(scene: Scene, agents: Sequence[str]) -> NetworkModel:
@@ -96,3 +103,21 @@ def longest_m(scene: Scene) -> float:
     window = scene.radio.window_m
     most = scene.radio.max_distance_m if window is None else max(window[1], scene.radio.max_distance_m)
     return most if scene.clocks is None else np.inf
+
+
+def require_in_reach(scan: Observation, scene: Scene) -> None:
+    """Refuse what is heard first if it is in another unit, as `columns.require_within` refuses a table.
+
+    Of few distances nothing is said: they may be false alarms.
+
+    Raises
+    ------
+    InputError
+        As there.
+    """
+    scans = scan.scans if isinstance(scan, NetworkScan) else (scan,)
+    distances = [one.distance_m for one in scans if isinstance(one, Scan)]
+    heard = np.concatenate([np.zeros(0), *distances])
+    if np.isfinite(heard).sum() >= FEW:
+        with located("scan"):
+            require_within({"distance_m": heard}, longest_m(scene))

@@ -102,13 +102,11 @@ class Scan:
         given = {name: getattr(self, name) for name in (*VALUES, *OPTIONAL)}
         try:
             time = float(self.time_s)
-            anchor = np.asarray(self.anchor)
-            if anchor.size and anchor.dtype.kind not in "iu":
-                many = f"whole numbers, 0 to {anchors - 1}: which of the scene's anchors"
-                raise InputError("scan: anchor", f"{anchor.ravel()[0]!r}"[:40], many)
-            anchor = anchor.astype(np.intp, copy=False)
+            anchor = _numbers_of_anchors(self.anchor, anchors)
             given |= {n: np.full(anchor.shape, np.nan) for n in VALUES if given[n] is None}
             columns = {n: real(v) for n, v in given.items() if v is not None}
+        except InputError:
+            raise
         except (TypeError, ValueError, OverflowError) as error:
             raise InputError("scan", str(error), "columns of numbers") from None
         for name, column in columns.items():
@@ -122,6 +120,15 @@ class Scan:
             whole = still | {"anchor": anchor} | columns
             check_columns(whole, anchors, lambda row, name: f"scan: {name}[{row}]", unlabelled, pseudo)
         return Scan(self.step, time, anchor, **columns)
+
+
+def _numbers_of_anchors(given: Any, anchors: int) -> NDArray[np.intp]:
+    """The column of anchors, which are counted, not named."""
+    column = np.asarray(given)
+    if column.size and column.dtype.kind not in "iu":
+        many = f"whole numbers, 0 to {anchors - 1}: which of the scene's anchors"
+        raise InputError("scan: anchor", repr(column.ravel()[:1].tolist()[0])[:40], many)
+    return column.astype(np.intp, copy=False)
 
 
 def require_time(where: str, time_s: float, after: float | None = None) -> None:

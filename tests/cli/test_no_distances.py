@@ -80,24 +80,29 @@ def test_a_table_without_distances_is_refused_in_one_line(bare, tmp_path, words)
 
 
 @pytest.mark.parametrize("method", ["grid", "network"])
-def test_a_table_with_no_distance_that_the_radio_measures_is_refused_in_one_line(bare, tmp_path, method):
-    """Distances times 1e9, as delays in ns give: it was a traceback, "Singular matrix"."""
+@pytest.mark.parametrize(
+    ("factor", "says"),
+    [
+        (1e9, r"found \S+ to \S+e\+\d+ m; allowed: up to radio.max_distance_m"),
+        (1 / 299792458, r"found \S+e-\d+ to \S+e-\d+ m; allowed: metres, half of them above 0.001 m"),
+    ],
+)
+def test_a_table_with_no_distance_that_the_radio_measures_is_refused_in_one_line(bare, method, factor, says):
+    """Distances times 1e9 were a traceback, "Singular matrix"; those in seconds ran through."""
     with open("heard.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     with open("far.csv", "w", newline="") as file:
         table = csv.DictWriter(file, list(rows[0]))
         table.writeheader()
-        table.writerows(row | {"distance_m": repr(1e9 * float(row["distance_m"]))} for row in rows)
+        table.writerows(row | {"distance_m": repr(factor * float(row["distance_m"]))} for row in rows)
     told = bare(
         "run", "tiny.toml", "--measurements", "far.csv", "--method", method, "--agent", "agent1", "-o", "out"
     )
     (line,) = told.complaints
     assert told.code == 2
-    assert re.search(
-        r"far.csv: distance_m: found \S+ to \S+e\+\d+ m; allowed: up to radio.max_distance_m", line
-    )
+    assert re.search(f"far.csv: distance_m: {says}", line)
     scene, heard = gs.Scene.load("tiny.toml"), gs.Measurements.load("far.csv")
-    with pytest.raises(gs.InputError, match=r"distance_m: found .* allowed: up to radio.max_distance_m"):
+    with pytest.raises(gs.InputError, match=f"distance_m: {says}"):
         gs.map_scene(scene, heard, agent="agent1")
 
 

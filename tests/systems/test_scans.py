@@ -78,6 +78,31 @@ def test_lists_will_do_for_columns():
     one.step(gs.Scan(2, 2.0, [], [], [], [], []))
 
 
+@pytest.mark.parametrize(("factor", "says"), [(1e3, "up to radio.max_distance_m"), (1 / 299792458, "metres")])
+def test_distances_in_another_unit_are_refused_as_those_of_a_table(factor, says):
+    """In one line, by the first scan; the filter stays as it was."""
+    slam, other = gs.GridSlam(SCENE, seed=1), gs.GridSlam(SCENE, seed=1)
+    with pytest.raises(gs.InputError, match=rf"^scan: distance_m: found .* m; allowed: {says}"):
+        slam.step(replace(SCANS[0], distance_m=factor * SCANS[0].distance_m))
+    np.testing.assert_array_equal(slam.step(SCANS[0]).covariance, other.step(SCANS[0]).covariance)
+    slam.step(replace(SCANS[1], distance_m=1e3 * SCANS[1].distance_m))  # as in a run of a whole table
+    few = gs.Scan(0, 0.0, [0, 0], [61.0, 70.0], [0.0, 0.0], [0.0, 0.0])
+    gs.GridSlam(SCENE, seed=1).step(few)
+
+
+def test_clocks_may_make_distances_long_or_negative():
+    data = SCENE.model_dump(exclude_none=True) | {"clocks": {"anchor_prior_ns": 1000.0}}
+    slam = gs.NetworkSlam(gs.Scene.checked(data, "room"), seed=1)
+    slam.step(replace(SCANS[0], distance_m=SCANS[0].distance_m + 200.0))
+
+
+def test_anchors_by_name_are_refused_in_one_line():
+    with pytest.raises(gs.InputError) as refused:
+        gs.GridSlam(SCENE, seed=1).step(replace(SCANS[0], anchor=["A"] * len(SCANS[0])))
+    many = "whole numbers, 0 to 1: which of the scene's anchors"
+    assert str(refused.value) == f"scan: anchor: found 'A'; allowed: {many}"
+
+
 def test_a_scan_that_a_checkpoint_holds_is_refused_after_it(tmp_path):
     slam = gs.GridSlam(SCENE, seed=1)
     slam.step(SCANS[0])
