@@ -48,13 +48,13 @@ class SightFilter:
         slopes = np.array([[dx / d, dy / d, 0, 0, 0], across, across - [0, 0, 0, 0, 1]])
         u, arrays = radio.amplitude(d), (radio.anchor_aperture[anchor], radio.agent_aperture)
         errors = np.diag([radio.distance_std(u), *map(radio.angle_std, (u, u), (aod, aoa), arrays)]) ** 2
-        spread = slopes @ self.covariance @ slopes.T + errors
+        spread = slopes @ self.covariance @ slopes.T + errors  # singular, by rounding, where it is kilometres
         measured = np.column_stack([scan.distance_m, scan.aod_rad, scan.aoa_rad])[scan.anchor == anchor]
         off = measured - [d, aod, aoa]
         off[:, 1:] = (off[:, 1:] + np.pi) % (2 * np.pi) - np.pi
-        misfit = np.einsum("mi,ij,mj->m", off, np.linalg.inv(spread), off)
+        misfit = np.einsum("mi,ij,mj->m", off, np.linalg.pinv(spread), off)
         if (misfit < GATE).any():  # never of NaN, which stands for an angle that wasn't measured
-            gain = self.covariance @ slopes.T @ np.linalg.inv(spread)
+            gain = self.covariance @ slopes.T @ np.linalg.pinv(spread)
             self.mean = self.mean + gain @ off[np.nanargmin(misfit)]
             left = np.eye(5) - gain @ slopes  # Joseph's form: rounding leaves no negative variance
             self.covariance = left @ self.covariance @ left.T + gain @ errors @ gain.T

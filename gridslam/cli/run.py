@@ -278,10 +278,12 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     observations: list[Observations] = []
 
     def heard(number: int) -> Observations:
-        with busy(f"simulating {names[number]}"):
-            observed = earlier.measurements(number) if earlier else None
-            observed = turns.recorded.get(names[number]) if observed is None else observed
-            return observations_of(world, names[number], seed, takes) if observed is None else observed
+        observed = earlier.measurements(number) if earlier else None
+        observed = turns.recorded.get(names[number]) if observed is None else observed
+        if observed is None:
+            with busy(f"simulating {names[number]}"):
+                observed = observations_of(world, names[number], seed, takes)
+        return observed
 
     try:
         if turns.given is not None:  # before the first of them has taken its time

@@ -64,7 +64,8 @@ def draw_tracks(run: RunFiles, width: float = PAGE_IN) -> Figure:
     walls = last.map.wall_segments()
     for ends in walls.ends_m:
         axes.plot(*ends.T, color="k", lw=0.8)
-    axes.plot([], [], color=WALL, lw=3.0, label="true walls")
+    if run.scene.walls:
+        axes.plot([], [], color=WALL, lw=3.0, label="true walls")
     axes.plot([], [], color="k", lw=0.8, label=found_label(last.map))
     for number, (name, found) in enumerate(run.agents.items()):
         colour = COLOURS[number % len(COLOURS)]

@@ -4,10 +4,12 @@ import json
 import re
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 from importlib.metadata import version
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from scene_samples import shortened
 from tiny import TINY
 
 import gridslam as gs
+from gridslam.cli import run as run_command
 from gridslam.cli.observed import hints
 from gridslam.cli.output import print_whole
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
@@ -378,3 +381,16 @@ def test_what_takes_seconds_shows_that_it_goes_on_where_there_is_a_terminal(monk
     with output.busy("drawing figures"):
         pass
     assert output.err.file.getvalue() == ""
+
+
+@pytest.mark.parametrize(("given", "said"), [(True, []), (False, ["simulating agent1"])])
+def test_what_was_recorded_is_not_said_to_be_simulated(given, said, monkeypatch):
+    told = []
+    monkeypatch.setattr(run_command, "busy", lambda what: told.append(what) or nullcontext())
+    done = SimpleNamespace(interrupted=False, map=None)
+    monkeypatch.setattr("gridslam.runs.map_scene.map_scene", lambda *_, **__: done)
+    scene = gs.Scene.from_toml(TINY, "tiny")
+    heard = {"agent1": gs.simulate(scene, "agent1", seed=1)} if given else {}
+    turns = run_command.Turns(scene, "grid", 1, "exact", heard, None, None, None)
+    assert run_command._explore(turns, ["agent1"])[0] == [done]
+    assert told == said

@@ -79,6 +79,15 @@ def test_example_follows_the_agent_and_is_short(example):
     assert not run.map.observed.any()
 
 
+def test_example_outlives_times_in_another_unit(example):
+    """Steps of a day leave a covariance of kilometres: it ended in a traceback, "Singular matrix"."""
+    room = gs.Scene.load("room")
+    heard = gs.simulate(room, "agent1", seed=1)
+    slow = replace(heard, time_s=1e5 * heard.time_s, interval_s=1e5 * heard.interval_s, truth=None)
+    run = gs.map_scene(room, slow, example, seed=1)
+    assert len(run.estimates) == len(heard)
+
+
 @pytest.mark.slow
 def test_run_takes_it_from_the_working_folder_and_its_folder_reads_back(say, tiny, tmp_path, no_figures):
     shutil.copy(EXAMPLES / "own_method.py", tmp_path)
