@@ -49,7 +49,7 @@ def is_network(path: str | os.PathLike[str], scene: Scene | None = None) -> bool
             return "agents" in file or bool(_flag(file))
     try:
         with Path(path).open(encoding="utf-8-sig") as text:
-            header = [name.strip() for name in text.readline().replace(";", ",").split(",")]
+            header = [csv_table.column_name(name) for name in text.readline().replace(";", ",").split(",")]
     except (OSError, UnicodeDecodeError):
         return False  # the reader says what is wrong
     return shared or "agent" in header or ("step" in header and "anchor" not in header)

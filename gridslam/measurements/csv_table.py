@@ -29,10 +29,13 @@ from gridslam.world.columns import (
     Columns,
     check_columns,
 )
-from gridslam.world.validation import nearest
+from gridslam.world.validation import nearest, plain_name
 
 IN_DEGREES = {name.replace("_rad", "_deg"): name for name in UNITS if name.endswith("_rad")}
 """Columns of angles by the names that they may have in CSV files if they are in degrees."""
+KNOWN = (*KEYS, "agent", *VALUES, *OPTIONAL)
+FOLDED = {name.casefold(): name for name in (*KNOWN, *IN_DEGREES)}
+"""Names of columns as they are here, by their small letters."""
 FILES = "a file of measurements: CSV, MATLAB (.mat) or HDF5"
 LARGEST_CSV_BYTES = 2**29
 """A larger table belongs into HDF5."""
@@ -188,9 +191,15 @@ def columns_in_degrees(path: str | os.PathLike[str]) -> dict[str, str]:
     return {IN_DEGREES[name]: name for name in written if name in IN_DEGREES}
 
 
+def column_name(written: str) -> str:
+    """What a column is called here, which in a file may be in other letters, or between blanks."""
+    name = written.strip()
+    return FOLDED.get(name.casefold(), name)
+
+
 def _header(reader: Iterator[list[str]]) -> tuple[list[str], int]:
     """Names of the columns, and how many cells they are with nameless ones at the end, as of spreadsheets."""
-    names = [name.strip() for name in next((row for row in reader if any(map(str.strip, row))), [])]
+    names = [column_name(name) for name in next((row for row in reader if any(map(str.strip, row))), [])]
     last = max((place for place, name in enumerate(names) if name), default=-1)
     return names[: last + 1], len(names)
 
@@ -241,27 +250,28 @@ def _delimiter(header: str) -> str:
 
 def _check_header(header: list[str], written: list[str], where: str, several: bool) -> list[str]:
     """Columns that aren't known, nor look like one that is, misspelt; `written`: as the file has them."""
-    known = (*KEYS, "agent", *VALUES, *OPTIONAL)
     if not header:
         raise InputError(
             where.rpartition(": ")[0], "an empty file", f"a header line {','.join((*KEYS, *VALUES))}"
         )
-    if len(written) == 1 and len(set(written[0].split()) & set(known)) > 1:
+    if len(written) == 1 and len(set(written[0].split()) & set(KNOWN)) > 1:
         raise InputError(where, "columns set apart by spaces", "commas, tabs or semicolons between them")
-    if not set(header) & set(known) and any(map(is_number, written)):
+    if not set(header) & set(KNOWN) and any(map(is_number, written)):
         columns = ",".join((*KEYS, *VALUES))
         raise InputError(where, f"no header, but {','.join(written)[:60]!r}", f"names of columns: {columns}")
     faults = list[InputError]()
     for place, name in enumerate(header):
-        meant = None if name in known else meant_by(name)
-        misspelt = name not in known and difflib.get_close_matches(name.lower(), known)
+        meant = None if name in KNOWN else meant_by(name)
+        misspelt = name not in KNOWN and difflib.get_close_matches(plain_name(name), KNOWN)
         noted = meant and meant.column in ("amplitude", "agent")  # a table may do without
         if meant and meant.column not in header and (misspelt or not noted):
             found = f"a column {name!r}, and no {meant.column}"
             rename = "" if ":" in meant.way else " (rename it)"
             faults.append(InputError(where, found, f"{meant.column}, {meant.way}{rename}"))
         elif not name or (misspelt and not meant):
-            faults.append(InputError(where, f"an unknown column {name!r}", nearest(name, known)))
+            faults.append(
+                InputError(where, f"an unknown column {name!r}", nearest(name, (*KNOWN, *IN_DEGREES)))
+            )
         elif name in header[:place]:
             both = [repr(own) for own, column in zip(written, header, strict=True) if column == name]
             found = f"columns {' and '.join(both)}" if len(set(both)) > 1 else f"column {name!r} twice"
@@ -277,4 +287,4 @@ def _check_header(header: list[str], written: list[str], where: str, several: bo
             raise InputError(where, f"no column {name!r}", f"all of {','.join(needed)}{more}")
     if not set(header) & set(VALUES):
         raise InputError(where, "no measured column", f"at least one of {','.join(VALUES)}")
-    return [name for name in header if name not in known]
+    return [name for name in header if name not in KNOWN]

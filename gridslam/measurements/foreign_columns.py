@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import NamedTuple
 
+from gridslam.world.validation import plain_name
+
 TIME, LENGTH = ("time", "timestamp", "t"), ("distance", "range", "dist", "length")
 DELAY = ("delay", "toa", "tof")
 RATIO, LEVEL = ("snr", "amplitude"), ("rssi", "rss", "rsrp", "power", "gain")
@@ -14,6 +16,8 @@ METRE = {"mm": "1000", "cm": "100", "km": "0.001", "ft": "3.28084", "feet": "3.2
 """How many of a unit there are in ours."""
 DEVICE = ("robot", "tag", "device", "node")
 """What agents are called, alone or followed by `_id`."""
+STATION = ("station", "basestation", "base_station", "bs", "gnb", "ap", "tx", "transmitter", "beacon")
+"""The same of anchors."""
 ANGLE = ("azimuth", "az", "angle", "bearing", "direction", "doa", "dod", "phi", "theta")
 """First words of names of angles, which leave open at which end they were measured."""
 ENDS = {
@@ -32,8 +36,11 @@ class Meant(NamedTuple):
 
 def meant_by(name: str) -> Meant | None:
     """What a column of another name than ours could be."""
-    first, _, rest = name.lower().partition("_")
+    plain = plain_name(name)
+    first, _, rest = plain.partition("_")
     unit = rest.rpartition("_")[2]
+    if plain.removesuffix("_id").removesuffix("_name") in STATION:
+        return Meant("anchor", "a name of the scene's [[anchors]] in each row")
     if first in OURS and rest not in (*SECOND, *METRE, *DECIBELS):
         return None  # one of ours misspelt, as distance_std is
     if first in TIME:
@@ -59,7 +66,7 @@ def meant_by(name: str) -> Meant | None:
 
 def angles_meant(name: str, header: Collection[str]) -> list[Meant]:
     """Which of our columns of angles that aren't there (of those in `header`) a foreign one could be."""
-    first, _, unit = name.lower().partition("_")
+    first, _, unit = plain_name(name).partition("_")
     if first not in ANGLE:
         return []
     ours = "deg" if unit.startswith("deg") else "rad"

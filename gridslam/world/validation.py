@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
@@ -14,6 +14,8 @@ from gridslam.errors import Faults, InputError
 
 MOST_FAULTS = 10
 """Lines about one scene at most."""
+ALIKE, LEAST_BEGINNING = 0.6, 3
+"""Likeness from which on a name may be meant; letters of one from which on a name that begins so is."""
 
 
 def fault(field: str, found: str, allowed: str) -> PydanticCustomError:
@@ -24,9 +26,17 @@ def fault(field: str, found: str, allowed: str) -> PydanticCustomError:
 
 def nearest(word: str, known: Iterable[str]) -> str:
     """Say which known word was probably meant, or list them all."""
-    known = tuple(known)
-    close = get_close_matches(word, known, n=1, cutoff=0.6)
-    return f"{close[0]} (nearest known)" if close else ", ".join(known) or "none here"
+    known, plain = tuple(known), plain_name(word)
+    begun = [name for name in known if len(plain) >= LEAST_BEGINNING and plain_name(name).startswith(plain)]
+    alike = [(SequenceMatcher(None, plain_name(name), plain).ratio(), name) for name in begun or known]
+    likeness, name = max(alike, key=lambda one: one[0], default=(0.0, ""))
+    close = likeness >= ALIKE or begun
+    return f"{name} (nearest known)" if close else ", ".join(known) or "none here"
+
+
+def plain_name(name: str) -> str:
+    """A name in small letters, whatever sets its parts apart an underscore: ``aoa_rad`` of ``AoA [rad]``."""
+    return re.sub(r"[\W_]+", "_", name.casefold()).strip("_")
 
 
 class Strict(BaseModel):

@@ -8,8 +8,11 @@ import pytest
 from hypothesis import given, settings
 from tables import HEADER, ROW, measurements, same, table
 
+from gridslam.checks.network_tables import is_network
 from gridslam.errors import InputError, Note
+from gridslam.measurements.csv_table import IN_DEGREES, KNOWN, read_csv
 from gridslam.measurements.table import Measurements
+from gridslam.world.validation import nearest
 
 
 @pytest.mark.slow
@@ -42,6 +45,45 @@ def test_csv_of_other_programs_is_read(tmp_path):
     np.testing.assert_array_equal(table.anchor, [1, 0])
     np.testing.assert_array_equal(table.distance_m, [4.5, 1])
     assert np.isnan(table.amplitude[0])
+
+
+def test_headers_in_other_letters_and_between_blanks_are_taken(tmp_path):
+    header = " Step ,Time_s,ANCHOR,Distance_m,AoD_rad, AoA_Deg ,Amplitude,Distance_Std_m"
+    (tmp_path / "a.csv").write_text(f"{header}\n0,0,A,3,0.5,90,9,0.1\n")
+    table = Measurements.from_csv(tmp_path / "a.csv")
+    np.testing.assert_allclose([table.aod_rad[0], table.aoa_rad[0]], [0.5, np.pi / 2])
+    np.testing.assert_array_equal(table.distance_std_m, [0.1])
+    assert not is_network(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text(f"Agent,{header}\nme,0,0,A,3,0.5,90,9,0.1\n")
+    assert is_network(tmp_path / "b.csv")
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("aoa", "aoa_rad"), ("AoA", "aoa_rad"), ("aod", "aod_rad"), ("aoa [rad]", "aoa_rad"),
+        ("AoA (deg)", "aoa_deg"), ("time [s]", "time_s"), ("Distance [m]", "distance_m"),
+        ("ampl", "amplitude"), ("aoa_grad", "aoa_rad"), ("anchr", "anchor"),
+    ],
+)  # fmt: skip
+def test_a_column_is_told_what_it_probably_means(written, meant, tmp_path):
+    assert nearest(written, (*KNOWN, *IN_DEGREES)) == f"{meant} (nearest known)"
+    others = [name for name in HEADER.split(",") if name != meant.replace("_deg", "_rad")]
+    (tmp_path / "a.csv").write_text(",".join([*others, written]) + f"\n{ROW}\n")
+    with pytest.raises(InputError, match=rf"allowed: {meant} \(nearest known\)|time_s, in seconds"):
+        Measurements.from_csv(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("written", ["station", "BS", "base_station", "gnb_id", "ap", "tx", "AP name"])
+@pytest.mark.parametrize("several", [False, True])
+def test_a_column_of_stations_is_told_to_be_that_of_anchors(written, several, tmp_path):
+    """A table of several agents may do without anchors: it was called unlabelled."""
+    agent, me = ("agent,", "me,") if several else ("", "")
+    text = f"{agent}{HEADER.replace('anchor', written)}\n{me}{ROW}\n"
+    (tmp_path / "a.csv").write_text(text)
+    told = f"found a column '{written}', and no anchor; allowed: anchor, a name of"
+    with pytest.raises(InputError, match=told):
+        read_csv(tmp_path / "a.csv", several=several)
 
 
 def test_ranging_alone_is_a_table_of_four_columns(tmp_path):
