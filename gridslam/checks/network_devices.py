@@ -1,7 +1,7 @@
 """Several agents' rows, each agent's judged as a table of its own: units, angles, anchors, start, times.
 
-Labels have to be known for that. Where the scene's clocks may be off by metres, distances are left out, so
-that angles alone are judged.
+Labels have to be known for that. Where the scene's clocks may be off by metres, or are shown to be,
+distances are left out, so that angles alone are judged.
 """
 
 from __future__ import annotations
@@ -44,9 +44,15 @@ class Device(NamedTuple):
     verdict: str
 
 
-def devices(measurements: NetworkMeasurements, scene: Scene) -> list[Device]:
-    """Judge those agents by themselves whose rows are labelled, by the measurements' order."""
-    each = ((name, _own_table(measurements, scene, name)) for name in measurements.agents)
+def devices(measurements: NetworkMeasurements, scene: Scene, late: Collection[str] = ()) -> list[Device]:
+    """Judge those agents by themselves whose rows are labelled, by the measurements' order.
+
+    Parameters
+    ----------
+    late : collection of str
+        Agents in whose distances offsets of clocks are known to be.
+    """
+    each = ((name, _own_table(measurements, scene, name, name in late)) for name in measurements.agents)
     return [_judged(table, scene, name) for name, table in each if table is not None]
 
 
@@ -69,8 +75,8 @@ def device_lines(found: Iterable[Device], accused: Collection[str] = ()) -> list
     return lines
 
 
-def _own_table(measurements: NetworkMeasurements, scene: Scene, name: str) -> Columns | None:
-    """An agent's rows with a label; None if most have none."""
+def _own_table(measurements: NetworkMeasurements, scene: Scene, name: str, late: bool) -> Columns | None:
+    """An agent's rows with a label; None if most have none. Distances that clocks spoil are left out."""
     columns = measurements[name].columns
     known = columns["anchor"] >= 0
     if known.mean() < LABELLED:
@@ -78,7 +84,7 @@ def _own_table(measurements: NetworkMeasurements, scene: Scene, name: str) -> Co
     table = {
         key: columns[key][known] for key in ("step", "time_s", "anchor", *VALUES, *OPTIONAL) if key in columns
     }
-    if offset_allowed_m(scene, name) > TOLD_APART_M:
+    if late or offset_allowed_m(scene, name) > TOLD_APART_M:
         table["distance_m"] = np.full(int(known.sum()), np.nan)
     return table
 

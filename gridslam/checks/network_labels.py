@@ -40,10 +40,28 @@ def judge_labels(measurements: NetworkMeasurements, scene: Scene) -> list[Judged
     return [_judged(measurements, scene, name) for name in measurements.agents]
 
 
-def suspicion_lines(judged: Sequence[Judged], scene: Scene) -> list[str]:
-    """Suspicions about labels and clocks of agents, for a person."""
+def suspicion_lines(judged: Sequence[Judged], scene: Scene, least_m: float = 0.0) -> list[str]:
+    """Suspicions about labels and clocks of agents, for a person.
+
+    Parameters
+    ----------
+    least_m : float
+        An offset that clocks must allow for besides those that are told.
+    """
     told = [one for one in judged if one.cure.fits]
-    return [*label_lines(told, scene.anchor_names), *clock_lines(told, scene)]
+    return [*label_lines(told, scene.anchor_names), *clock_lines(told, scene, least_m)]
+
+
+def widest_offset_m(judged: Sequence[Judged], scene: Scene) -> float:
+    """The largest offset in the distances that the scene has no clocks for, m; 0 if there is none."""
+    told = [one for one in judged if one.cure.fits]
+    return max((abs(far) for offsets in _offsets(told, scene) for _, far in offsets), default=0.0)
+
+
+def late_agents(judged: Sequence[Judged], scene: Scene) -> list[str]:
+    """Agents whose distances hold such offsets."""
+    told = [one for one in judged if one.cure.fits]
+    return list(dict.fromkeys(agent for offsets in _offsets(told, scene) for agent, _ in offsets))
 
 
 def untold_lines(judged: Sequence[Judged], others: Collection[str] = ()) -> list[str]:
@@ -88,12 +106,26 @@ def label_lines(judged: Sequence[Judged], names: Sequence[str]) -> list[str]:
     return lines
 
 
-def clock_lines(judged: Sequence[Judged], scene: Scene) -> list[str]:
-    """Offsets in the distances that the scene has no clocks for."""
+def clock_lines(judged: Sequence[Judged], scene: Scene, least_m: float = 0.0) -> list[str]:
+    """Offsets in the distances that the scene has no clocks for; all lines propose the same clocks."""
+    found = _offsets(judged, scene)
+    most = max((abs(far) for offsets in found for _, far in offsets), default=0.0)
+    cure = "its prior in [clocks] is too narrow"
+    if scene.clocks is None:
+        cure = clocks_advice(max(most, least_m))
+    return [
+        _offset_line(name, offsets, cure)
+        for name, offsets in zip(scene.anchor_names, found, strict=True)
+        if offsets
+    ]
+
+
+def _offsets(judged: Sequence[Judged], scene: Scene) -> list[list[tuple[str, float]]]:
+    """Agents and offsets (m), of each of the scene's anchors, that its clocks don't allow for."""
     links = [one.link for one in judged if one.cure.late and one.link is not None]
     clocks = clock_model(scene, [link.agent for link in links])
-    lines, half, anchors = [], clocks.half_width_m, len(scene.anchors)
-    for number, name in enumerate(scene.anchor_names):
+    found, half, anchors = [], clocks.half_width_m, len(scene.anchors)
+    for number in range(anchors):
         offsets = []
         for index, link in enumerate(links):
             late = link.late_m[link.anchor == number]
@@ -104,13 +136,10 @@ def clock_lines(judged: Sequence[Judged], scene: Scene) -> list[str]:
             allowed = half[number] + half[anchors + index] + doubt
             if abs(middle) > allowed:
                 offsets.append((link.agent, middle))
-        if offsets:
-            lines.append(_offset_line(name, offsets, scene))
-    return lines
+        found.append(offsets)
+    return found
 
 
-def _offset_line(name: str, offsets: Sequence[tuple[str, float]], scene: Scene) -> str:
+def _offset_line(name: str, offsets: Sequence[tuple[str, float]], cure: str) -> str:
     each = ", ".join(f"{far:+.2f} m ({far / NS:+.1f} ns) at {agent}" for agent, far in offsets)
-    most = max((far for _, far in offsets), key=abs)
-    cure = clocks_advice(most) if scene.clocks is None else "its prior in [clocks] is too narrow"
     return f"suspect: distances of anchor {name} are off by {each}, as by clocks that differ: {cure}"

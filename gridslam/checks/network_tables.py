@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,7 +12,14 @@ import numpy as np
 
 from gridslam.checks.diagnose import HELD_OFFSETS
 from gridslam.checks.network_devices import device_lines, devices
-from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
+from gridslam.checks.network_labels import (
+    Judged,
+    judge_labels,
+    late_agents,
+    suspicion_lines,
+    untold_lines,
+    widest_offset_m,
+)
 from gridslam.checks.range_words import clocks_advice
 from gridslam.checks.repeats import repeats_line
 from gridslam.errors import InputError, located
@@ -100,8 +108,10 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
         lines.append(f"  simulated: {table.simulated}")
     if repeated := repeats_line(table.columns, measurements.agent):
         lines.append(f"suspect: {repeated}")
-    if negative and scene is not None and scene.clocks is None:
-        advice = clocks_advice(float(low))
+    judged = judge_labels(measurements, scene) if scene is not None else []
+    least_m = -float(low) if negative and scene is not None and scene.clocks is None else 0.0
+    if least_m and scene is not None:
+        advice = clocks_advice(max(least_m, widest_offset_m(judged, scene)))
         lines.append(f"suspect: negative distances hold offsets of clocks, {-low:.3g} m at least: {advice}")
     if 0 < named.mean() < 1:
         share = f"{1 - named.mean():.0%}"
@@ -118,7 +128,7 @@ def describe_network(path: str | os.PathLike[str], scene: Scene | None = None) -
             body.name for body in scene.agents if body.present_s and body.name not in measurements.agents
         ]
         lines += [f"suspect: agent {name} should be there and has no row" for name in absent]
-        lines += _against_scene(measurements, scene)
+        lines += _against_scene(measurements, scene, judged, least_m)
     if not named.any():
         lines.append(f"  no row says which anchor it is of: {UNLABELLED}")
     elif not named.all() or len(measurements.agents) > 1:
@@ -143,16 +153,25 @@ def judged_by_angles(
     name = agent if agent is not None else scene.agents[0].name
     with suppress(InputError):  # whoever reads the file is told
         measurements = NetworkMeasurements.load(path, scene.anchor_names, [name], pseudo=True)
-        return [line for line in lines if line not in held] + _against_scene(measurements, scene)
+        judged = judge_labels(measurements, scene)
+        return [line for line in lines if line not in held] + _against_scene(measurements, scene, judged)
     return lines
 
 
-def _against_scene(measurements: NetworkMeasurements, scene: Scene) -> list[str]:
-    """What labels and clocks show, and what each agent's labelled rows do by themselves."""
-    judged, own = judge_labels(measurements, scene), devices(measurements, scene)
+def _against_scene(
+    measurements: NetworkMeasurements, scene: Scene, judged: Sequence[Judged], least_m: float = 0.0
+) -> list[str]:
+    """What labels and clocks show, and what each agent's labelled rows do by themselves.
+
+    Where offsets of clocks are in distances, they aren't suspected of anything else.
+    """
+    late = late_agents(judged, scene)
+    if scene.clocks is None:
+        late += [name for name in measurements.agents if (measurements[name].distance_m < 0).any()]
+    own = devices(measurements, scene, late)
     accused = [one.agent for one in judged if suspicion_lines([one], scene)]
     few = untold_lines(judged, [device.agent for device in own])
-    return [*few, *suspicion_lines(judged, scene), *device_lines(own, accused)]
+    return [*few, *suspicion_lines(judged, scene, least_m), *device_lines(own, accused)]
 
 
 def _one_by_one(measurements: NetworkMeasurements, scene: Scene) -> bool:

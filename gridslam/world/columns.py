@@ -171,6 +171,7 @@ def check_columns(
         elif name in ELEVATIONS:
             refuse(bad, name, "radians above the horizontal, pi/2 at most")
         elif not (pseudo and name == "distance_m"):
-            refuse(bad, name, f"a number {BY_NAME[name].allowed}")
+            clocks = " (any, in a scene with [clocks])" if unlabelled and name == "distance_m" else ""
+            refuse(bad, name, f"a number {BY_NAME[name].allowed}{clocks}")
     empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
     refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")

@@ -1,5 +1,6 @@
 """Labels and clocks of several agents that don't fit the scene are named; those that do are left in peace."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from workshop import workshop
 
 import gridslam as gs
+from gridslam.checks.network_devices import devices
 from gridslam.checks.network_labels import judge_labels, suspicion_lines, untold_lines
 from gridslam.checks.network_sights import crossed
 from gridslam.checks.network_tables import describe_network
@@ -102,6 +104,26 @@ def test_offsets_without_clocks_or_beyond_their_priors_are_named(scene, measurem
     narrow = label_and_clock_lines(measurements, still(scene, anchor_prior_ns=50.0))
     assert [line.split(" are off")[0][-1] for line in narrow] == ["A", "D"]
     assert all("prior in [clocks] is too narrow" in line for line in narrow)
+
+
+@pytest.mark.slow
+def test_one_width_of_clocks_is_proposed_and_nothing_else_suspected(scene, measurements, tmp_path):
+    """Three widths for one key were, and feet, or a start elsewhere, of distances that clocks spoil."""
+    measurements.to_csv(tmp_path / "a.csv")
+    lines = [x for x in describe_network(tmp_path / "a.csv", still(scene)) if x.startswith("suspect: ")]
+    assert lines[0].startswith("suspect: negative distances hold offsets of clocks")
+    assert [line.split(" are off")[0][-1] for line in lines[1:]] == ["A", "B", "C", "D"]
+    (width,) = {re.search(r"anchor_prior_ns = (\d+)", line)[1] for line in lines}
+    assert int(width) > 1e9 * 30.57 / 299792458
+
+
+@pytest.mark.slow
+def test_a_device_whose_distances_clocks_spoil_is_judged_by_its_angles(measurements, scene):
+    late = replace(measurements.table, distance_m=measurements.table.distance_m + 40.0)
+    late = replace(measurements, table=late)
+    told = devices(late, still(scene), measurements.agents)
+    assert [one.found for one in told] == [[], []]
+    assert any(one.found for one in devices(late, still(scene)))
 
 
 @pytest.mark.slow

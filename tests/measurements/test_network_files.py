@@ -104,7 +104,10 @@ def test_a_table_of_one_agent_reads_as_a_network_and_back(tmp_path):
         (f"{HEADER}\n0,0,me,C,1", r"line 2: anchor: found 'C'; allowed: A, B"),
         (f"{HEADER}\n0,0,me,A,1\n0,0,he,,1", r"line 3: agent: found 'he'; allowed: me, you"),
         (f"{HEADER}\n0,0,,A,1", r"line 2: agent: found ''"),
-        (f"{HEADER}\n0,0,me,A,-1", r"line 2: distance_m: found -1.0; allowed: a number above 0"),
+        (
+            f"{HEADER}\n0,0,me,A,-1",
+            r"line 2: distance_m: found -1.0; allowed: a number above 0 \(any, in a scene with \[clocks\]\)",
+        ),
         (f"{HEADER}\n0,0,me,A,1\n0,1,you,A,1", r"line 3: time_s: .*one time for all rows"),
     ],
 )
