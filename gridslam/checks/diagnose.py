@@ -88,22 +88,25 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     odd = implausible_radio(scene) if scene is not None else []
     offset_m = offset_allowed_m(scene, agent) if scene is not None else 0.0
     loose = offset_m > TOLD_APART_M
-    # by a radio that can't be meant, or clocks that may be off by so much, nothing else is told
+    fault = None
+    try:
+        whole = Measurements.load(path, pseudo=offset_m > 0)
+        lines[0] += "" if whole.truth is None else ", true track known"
+        lines[1:1] = [] if whole.simulated is None else [f"  simulated: {whole.simulated}"]
+    except InputError as error:
+        fault = error
+    # of a file that is refused, by a radio that can't be meant, or clocks that may be off by so much, nothing
+    # is told but what numbers alone show
     numbers = Path(path).suffix.lower() == ".mat"
-    found = suspicions(columns, names, None if odd or loose else scene, agent, degrees, numbers)
+    judge = None if odd or loose or fault is not None else scene
+    found = suspicions(columns, names, judge, agent, degrees, numbers)
     lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
     lines += elevations.remarks(columns, scene, agent)
     refused = [item for item in found if item.kind == "missing"]  # by `run`, too
     lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
     for line in (repeats_line(columns), time_units.strides_line(columns["step"])):
         lines += [f"suspect: {line}"] if line else []
-    try:
-        whole = Measurements.load(path, pseudo=offset_m > 0)
-        lines[0] += "" if whole.truth is None else ", true track known"
-        lines[1:1] = [] if whole.simulated is None else [f"  simulated: {whole.simulated}"]
-    except InputError as error:
-        lines.append(f"refused: {error}")
-    lines += [f"refused: {item}" for item in refused]
+    lines += [f"refused: {item}" for item in [*([] if fault is None else [fault]), *refused]]
     if loose:
         lines.append(
             f"{HELD_OFFSETS} up to {offset_m:.0f} m, so that lines of sight aren't judged by their lengths"

@@ -150,6 +150,20 @@ def test_utf_16_is_told_by_its_name(say, tmp_path):
     assert result.complaints == ["error: bad.csv: found UTF-16 text; allowed: UTF-8: save it as CSV UTF-8"]
 
 
+@pytest.mark.parametrize("fault", ["steps out of order", "times that stand still", "negative distance"])
+def test_a_table_that_is_refused_is_not_accused_of_more(say, tmp_path, fault):
+    """Amplitudes of 9 beside distances of 3 m were, against the scene, before the one error line."""
+    (tmp_path / "bad.csv").write_text(CSV_FAULTS[fault][0])
+    (tmp_path / "long.csv").write_text(
+        HEADER
+        + "".join(f"{k},{k}.0,{a},3,0,0,0.001\n" for k in range(40) for a in "AB")
+        + "39,2.0,A,3,0,0,9\n"
+    )
+    for name in ("bad.csv", "long.csv"):
+        result = say("check", name, "--scene", "room")
+        assert (result.code, len(result.complaints), "suspect" in result.out) == (2, 1, False)
+
+
 @pytest.mark.parametrize("fault", CSV_FAULTS)
 def test_faulty_csv(say, tmp_path, fault):
     content, word = CSV_FAULTS[fault]
