@@ -44,8 +44,8 @@ class Crossed:
         Which anchors were in sight.
     heard : int
         How many steps were looked at.
-    place_std : tuple of float
-        Deviations of the anchors' places, see `range_fits.fitted`.
+    place_std, turn_std : tuple of float
+        Deviations of the anchors' places and orientations, see `range_fits.fitted`.
     """
 
     steps: list[int]
@@ -53,6 +53,7 @@ class Crossed:
     sights: NDArray[np.bool_]
     heard: int
     place_std: tuple[float, ...] = ()
+    turn_std: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, table: Columns, model: FilterModel, walls: Segments) -> Crossed | None:
@@ -75,6 +76,7 @@ class Crossed:
             sights,
             min(len(np.unique(table["step"])), LONGEST),
             model.place_stds,
+            tuple(model.orientation_std.tolist()),
         )
 
     @cached_property
@@ -82,7 +84,7 @@ class Crossed:
         """How well each thing explains them that may be wrong all the time; nothing first."""
         heights = any(step.information[-1, -1] > 0 for step in self.gaps)
         may_be = things(self.sights.sum(0).tolist(), heights)
-        return [fit_of(self.gaps, thing, self.place_std) for thing in may_be]
+        return [fit_of(self.gaps, thing, self.place_std, self.turn_std) for thing in may_be]
 
     @property
     def numbers(self) -> float:
@@ -129,10 +131,12 @@ def _clear(table: Columns, model: FilterModel, walls: Segments) -> NDArray[np.bo
     return in_view(anchor[:, :2], place, walls)
 
 
-def fit_of(gaps: Sequence[Gaps], thing: Thing, place_std: tuple[float, ...] = ()) -> Fit:
+def fit_of(
+    gaps: Sequence[Gaps], thing: Thing, place_std: tuple[float, ...] = (), turn_std: tuple[float, ...] = ()
+) -> Fit:
     """The fit of something that may be wrong to the steps that it explains; the others cost a bound each.
 
-    At some steps what is taken for a line of sight came over a wall. Of `place_std` see `fitted`.
+    At some steps what is taken for a line of sight came over a wall. Of deviations see `fitted`.
     """
     information, vector = (
         np.array([step.information for step in gaps]),
@@ -142,7 +146,7 @@ def fit_of(gaps: Sequence[Gaps], thing: Thing, place_std: tuple[float, ...] = ()
     kept, left = np.ones(len(gaps), dtype=bool), total
     for bound in BOUNDS:
         every = Gaps(information[kept].sum(0), vector[kept].sum(0), total[kept].sum(), numbers[kept].sum())
-        fit, errors = fitted(every, thing, place_std)
+        fit, errors = fitted(every, thing, place_std, turn_std)
         left = total - 2 * vector @ errors + information @ errors @ errors  # `Gaps.misfit` of each step
         within = left <= bound * numbers
         kept = within if within.any() else kept

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.checks.allowed_for import error_allowed, shift_allowed, turn_allowed
 from gridslam.checks.handovers import LEAST_SIGHTS, Beginning, Handovers, Ties, beginning, first_steps
 from gridslam.checks.line_of_sight_filter import turning_rad
 from gridslam.checks.own_poses import OwnPoses, Stand, continued, poses
@@ -55,6 +56,8 @@ class Rival:
         That it concerns.
     seen : OwnPoses
         Where they put the agent then.
+    told : bool
+        Whether the scene's deviations of anchors allow for it.
     """
 
     column: str
@@ -62,6 +65,7 @@ class Rival:
     text: str
     anchors: tuple[int, ...]
     seen: OwnPoses
+    told: bool = False
 
 
 def handover_rival(table: Columns, scene: Scene, agent: str | None) -> Suspicion | None:
@@ -83,6 +87,8 @@ def handover_rival(table: Columns, scene: Scene, agent: str | None) -> Suspicion
         return None
     best, *others = found
     beside = [one.rival for one in others if one.score > best.score - BESIDE * (1 + 2 * best.is_akin(one))]
+    if any(rival.told for rival in (best.rival, *beside)):
+        return None
     text = "; or ".join(dict.fromkeys([best.rival.text, *(rival.text for rival in beside)]))
     reason = (
         "lines of sight of two anchors within three steps put the agent in one place "
@@ -193,21 +199,24 @@ def _rivals(table: Columns, scene: Scene, agent: str | None, ties: Ties) -> Iter
         own, there = _seen_by_others(table, ties, number, kept)
         if not len(own):
             continue
+        away = ties.seen.place[own] - stand.position[number]
         for turn in _turns(ties.seen, stand, number, own, there):
             text = Turn(number, turn, False).words(scene)
             seen = poses(table, scene, stand.turned(number, turn), kept)
-            yield Rival("aod_rad", "turned", text, (number,), seen)
+            told = turn_allowed(turn, number, np.hypot(*away.T), scene)
+            yield Rival("aod_rad", "turned", text, (number,), seen, told)
         for offset in _offsets(ties.seen, stand, number, own, there):
-            text = error_words(RangeError("offset", (number,)), offset, scene, agent)
+            error = RangeError("offset", (number,))
+            text, told = error_words(error, offset, scene, agent), error_allowed(error, offset, scene, agent)
             length = np.maximum(table["distance_m"] - offset * (table["anchor"] == number), 0.0)
             seen = poses(table | {"distance_m": length}, scene, stand, kept)
-            yield Rival("distance_m", "offset", text, (number,), seen)
+            yield Rival("distance_m", "offset", text, (number,), seen, told)
         for shift in _shifts(ties.seen, own, there):
             x, y = stand.position[number] + shift
             where = f"anchor {scene.anchor_names[number]} stands near ({x:.1f}, {y:.1f})"
             text = f"{where}, not where the scene says"
             seen = poses(table, scene, stand.moved(number, shift), kept)
-            yield Rival("anchor", "place", text, (number,), seen)
+            yield Rival("anchor", "place", text, (number,), seen, shift_allowed(shift, number, scene))
 
 
 def _compass(seen: OwnPoses) -> str | None:

@@ -8,16 +8,24 @@ from itertools import combinations, permutations
 
 import numpy as np
 
+from gridslam.checks.allowed_for import error_allowed
 from gridslam.checks.fit import FITTING, least_share, settled
 from gridslam.checks.forgotten_heights import forgotten_heights
 from gridslam.checks.line_of_sight_filter import CROWD, Sight, explain, turning_rad
 from gridslam.checks.range_errors import LEAST_HEIGHT_M, LEAST_RISE_M, RangeError
 from gridslam.checks.range_fit import RangeFit, fits, without_twins
 from gridslam.checks.range_words import error_words
-from gridslam.checks.turned_anchors import Turn, by_chance, names_words, nearly, turned_sights, words
+from gridslam.checks.turned_anchors import (
+    Turn,
+    beyond_told,
+    by_chance,
+    names_words,
+    nearly,
+    turned_sights,
+    words,
+)
 from gridslam.checks.unit_hypotheses import ANGLES, Suspicion, finite, told_after
 from gridslam.world.columns import Columns
-from gridslam.world.network_scene import clock_model
 from gridslam.world.scene import Scene
 
 EXPLAINED = 0.85
@@ -35,8 +43,6 @@ MOST_MISFIT = 4.0
 """Misfit per degree of freedom above which even the best error in the distances explains nothing."""
 MOST_MISFIT_HEIGHT = 6.0
 """The same of a height of all anchors that others explain as much as: it's told as one of several causes."""
-WITHIN = 3.0
-"""Told deviations within which the agent's height may be another one."""
 STRAIGHT_RAD = np.radians(30)
 """Change of course below which a way is straight."""
 MOST_PERMUTED = 4
@@ -50,7 +56,7 @@ class Cure:
     Attributes
     ----------
     suspicion : Suspicion or None
-        None of what the scene allows for: an offset within the priors of its clocks.
+        None of what the scene allows for, see `gridslam.checks.allowed_for`.
     table : dict of (K,) arrays
         As it should have been.
     sight : Sight
@@ -136,6 +142,8 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
         return None
     top = max(sight.evidence for sight, _, _ in found)
     alike = [one for one in found if one[0].evidence > top - CERTAIN]
+    told = [one for one in alike if not beyond_told(one[1], one[0], table, scene)]
+    alike = told or alike  # what the scene allows for comes first
     fewest = min(len(turns) for _, turns, _ in alike)
     ways = dict[tuple, tuple[Sight, tuple[Turn, ...], Columns]]()
     for one in (one for one in alike if len(one[1]) == fewest):
@@ -146,7 +154,10 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
     gain = sight.evidence - plain.evidence
     if gain < CERTAIN or sight.evidence < needed or by_chance(turns, plain, sight, scene):
         return None
-    text = "; or ".join(words(one, scene) for one in (turns, *(more for _, more, _ in others)))
+    if told:
+        return Cure(None, read, sight)
+    each = [beyond_told(way, one, table, scene) for one, way, _ in ((sight, turns, read), *others)]
+    text = "; or ".join(words(one, scene) for one in each)
     reason = (
         f"line of sight in {sight.explained:.0%} of {sight.judged}, {plain.explained:.0%} as it stands; "
         f"log likelihood ratio {gain:.0f}"
@@ -199,7 +210,9 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
             f"; or {error_words(fit.error, fit.size_m, scene, agent)}: too few anchors at once to tell which"
         )
     suspicion = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
-    return Cure(None if allowed_for(error, best.size_m, scene, agent) else suspicion, whole, after)
+    far = sight.distance_m[np.isin(table["anchor"][sight.row], error.anchors)]
+    allowed = error_allowed(error, best.size_m, scene, agent, float(np.median(far)) if len(far) else np.inf)
+    return Cure(None if allowed else suspicion, whole, after)
 
 
 def _common_height(alike: list[RangeFit], plain: RangeFit, scene: Scene) -> RangeFit | None:
@@ -209,19 +222,6 @@ def _common_height(alike: list[RangeFit], plain: RangeFit, scene: Scene) -> Rang
         if error is not None and error.kind == "slant" and len(error.anchors) == len(scene.anchors):
             return fit if fit.size_m >= error.least_m and fit.gain(plain) >= CERTAIN else None
     return None
-
-
-def allowed_for(error: RangeError, size_m: float, scene: Scene, agent: str | None) -> bool:
-    """Whether the scene's clocks, or its agent's height, as little as it knows of them, may be the reason."""
-    if error.kind == "rise" and scene.agents:
-        body = scene.agent(agent) if agent is not None else scene.agents[0]
-        return abs(size_m) <= WITHIN * body.height_std_m
-    if error.kind != "offset" or scene.clocks is None:
-        return False
-    names = [agent] if agent is not None else [body.name for body in scene.agents[:1]]
-    width = clock_model(scene, names).half_width_m
-    own = width[len(scene.anchors) :].sum()  # nobody's where the scene has no agent
-    return bool(abs(size_m) <= width[list(error.anchors)].min() + own + error.least_m)
 
 
 def _named_beside(best: RangeFit, alike: list[RangeFit]) -> bool:
@@ -304,7 +304,7 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
     gain = moved.evidence - still.evidence
     if moved.explained < least_share(scene) or gain < CERTAIN or abs(moved.size_m) < error.least_m:
         return None
-    if allowed_for(error, moved.size_m, scene, agent):
+    if error_allowed(error, moved.size_m, scene, agent):
         return None
     reason = (
         f"line of sight in {moved.explained:.0%} of {moved.judged}, {sight.explained:.0%} as it stands; "

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.checks.allowed_for import farthest_aside_m
 from gridslam.checks.views import in_view
 from gridslam.world.geometry import direction
 from gridslam.world.scene import Scene
@@ -65,10 +66,11 @@ def places_of(
         Whose place each of the file's anchors has; default: its own.
     """
     anchors, facing = raw.get("anchor_position_m"), raw.get("anchor_orientation_rad")
-    rise = np.zeros(len(raw["anchors"]))
+    rise, aside = np.zeros(len(raw["anchors"])), 0.0
     if scene is not None and tuple(raw["anchors"]) == scene.anchor_names:
         anchors, facing = scene.anchor_positions, scene.anchor_orientations
         rise = _rises(scene, agent)
+        aside = farthest_aside_m(scene)
     truth, steps = raw.get("truth"), len(usable)
     if anchors is None:
         return None
@@ -99,7 +101,7 @@ def places_of(
     leaving = direction(np.asarray(anchors)[anchor], position[row])
     return Places(
         chosen[row], anchor, np.linalg.norm(way, axis=1), leaving - np.asarray(facing)[anchor],
-        leaving + np.pi, heading[row], slack,
+        leaving + np.pi, heading[row], slack + aside,
     )  # fmt: skip
 
 

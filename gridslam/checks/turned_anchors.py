@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gridslam.arrays import Array
+from gridslam.checks.allowed_for import turn_allowed
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.unit_hypotheses import finite
 from gridslam.checks.views import in_view
@@ -110,6 +111,25 @@ def cured(table: Columns, turns: tuple[Turn, ...]) -> Columns:
         raw = -angle[own] if one.mirrored else angle[own]
         angle[own] = wrap(raw + one.turn_rad)
     return table | {"aod_rad": angle}
+
+
+def beyond_told(turns: tuple[Turn, ...], sight: Sight, table: Columns, scene: Scene) -> tuple[Turn, ...]:
+    """Those of some turns that the scene's deviations of anchors don't allow for.
+
+    Parameters
+    ----------
+    sight : Sight
+        What is explained with the turns: how far away the agent is.
+    table : dict of (K,) arrays
+        In the order of the sight's rows.
+    """
+    heard = table["anchor"][sight.row]
+    return tuple(
+        turn
+        for turn in turns
+        if turn.mirrored
+        or not turn_allowed(turn.turn_rad, turn.anchor, sight.distance_m[heard == turn.anchor], scene)
+    )
 
 
 def by_chance(turns: tuple[Turn, ...], plain: Sight, sight: Sight, scene: Scene) -> bool:

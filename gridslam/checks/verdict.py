@@ -5,19 +5,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.checks.allowed_for import error_allowed
 from gridslam.checks.course import Course, aside_words
 from gridslam.checks.fit import BLIND, FITTING, fitting, settled, tells_place
 from gridslam.checks.followed import followed
 from gridslam.checks.handovers import FIRST, Ties, heard_alone
 from gridslam.checks.line_of_sight_filter import Sight, explain
 from gridslam.checks.range_fit import steps_to_judge_by
-from gridslam.checks.rivals import allowed_for, both_measured, range_errors
+from gridslam.checks.rivals import both_measured, fitting_cure, range_errors
 from gridslam.checks.start_search import one_in_sight
 from gridslam.checks.turned_anchors import UNSEEN
 from gridslam.checks.unit_hypotheses import ANGLES, finite
 from gridslam.checks.whose import whose
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
+from gridslam.world.scene_derived import mounting_std_of
 
 UNSURE = "unsure: "
 """Begins a line that says that a table can't be judged."""
@@ -49,7 +51,7 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     sorted_rows = {name: values[order] for name, values in columns.items()}
     table = sorted_rows | {"anchor": place[columns["anchor"][order]]}
     seen = followed(table, scene, agent, explain(table, scene, agent))
-    seen = _by_clocks(table, scene, agent, seen)
+    seen = _by_anchors(table, scene, agent, _by_clocks(table, scene, agent, seen))
     share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
     line = f"line of sight to the anchors in {share} of {seen.judged}"
     if seen.explained >= fitting(scene):
@@ -94,7 +96,16 @@ def _by_clocks(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> 
         return seen
     offsets = [error for error in range_errors(scene) if error.kind == "offset"]
     others = [(error, settled(table, scene, agent, error=error)) for error in offsets]
-    allowed = [one for error, one in others if allowed_for(error, one.size_m, scene, agent)]
+    allowed = [one for error, one in others if error_allowed(error, one.size_m, scene, agent)]
+    return max([seen, *allowed], key=lambda one: one.explained)
+
+
+def _by_anchors(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> Sight:
+    """What is explained, or what is with anchors as the scene's deviations of them allow for."""
+    if not mounting_std_of(scene.anchors).any() or seen.explained >= FITTING:
+        return seen
+    cure = fitting_cure(table, scene, agent, seen)
+    allowed = [cure.sight] if cure is not None and cure.suspicion is None else []
     return max([seen, *allowed], key=lambda one: one.explained)
 
 

@@ -170,19 +170,23 @@ def things(looks: Sequence[int], heights: bool) -> Iterator[Thing]:
         yield Thing((errors_of(anchors) - 1,))
 
 
-def fitted(gaps: Gaps, thing: Thing, place_std: tuple[float, ...] = ()) -> tuple[Fit, Array]:
+def fitted(
+    gaps: Gaps, thing: Thing, place_std: tuple[float, ...] = (), turn_std: tuple[float, ...] = ()
+) -> tuple[Fit, Array]:
     """The fit of something that may be wrong, turns left open, and the errors (P,) that it comes to.
 
     Parameters
     ----------
     place_std : tuple of float, J
         Deviations of the anchors' places (m): shifts that these allow for are no news; none: all are known.
+    turn_std : tuple of float, J
+        Those of their orientations (rad), where `TURN_RAD` isn't enough.
     """
-    shape, prior = _shape(len(gaps.vector), thing, place_std)
+    shape, prior = _shape(len(gaps.vector), thing, place_std, turn_std)
     pull = shape @ gaps.vector
     size = np.linalg.solve(shape @ gaps.information @ shape.T + prior, pull)
     if thing.is_height(len(gaps.vector)) and size[0] < 0:  # no height has such a square: none at all
-        fit, errors = fitted(gaps, Thing(()), place_std)
+        fit, errors = fitted(gaps, Thing(()), place_std, turn_std)
         return Fit(thing, fit.misfit, (0.0,)), errors
     own = (1 if thing.alike else len(thing.columns)) if thing.columns else 0
     return Fit(thing, gaps.total - float(pull @ size), tuple(size[:own].tolist())), shape.T @ size
@@ -252,7 +256,9 @@ def _open(anchors: int) -> Array:
 
 
 @lru_cache(256)
-def _shape(size: int, thing: Thing, place_std: tuple[float, ...]) -> tuple[Array, Array]:
+def _shape(
+    size: int, thing: Thing, place_std: tuple[float, ...], turn_std: tuple[float, ...]
+) -> tuple[Array, Array]:
     """What of P entries one thing that may be wrong moves, turns and told shifts beside it, (D, P), and its
     prior (D, D)."""
     anchors, each = size // 4, np.eye(size)
@@ -264,4 +270,5 @@ def _shape(size: int, thing: Thing, place_std: tuple[float, ...]) -> tuple[Array
     ])  # fmt: skip
     told = [place_std[j] ** -2 for j in unsure for _ in range(2)]
     free = len(shape) - anchors - len(told)
-    return fixed(shape), fixed(np.diag([1e-9] * free + [TURN_RAD**-2] * anchors + told))
+    turns = [max(TURN_RAD, std) ** -2 for std in turn_std or [0.0] * anchors]
+    return fixed(shape), fixed(np.diag([1e-9] * free + turns + told))
