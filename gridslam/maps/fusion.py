@@ -15,7 +15,7 @@ from gridslam.maps.feature_fusion import merge_features
 from gridslam.maps.frames import refuse_lost, require_map, require_one_frame
 from gridslam.maps.line_fusion import JointLines
 from gridslam.maps.map import Map
-from gridslam.maps.map_cells import blocks_of, joint_of
+from gridslam.maps.map_cells import blocks_of
 from gridslam.maps.map_files import LARGEST_CELLS
 from gridslam.maps.run_identity import refuse_shared_runs
 from gridslam.maps.stretches import stretches_of
@@ -180,11 +180,7 @@ def merge_surfaces(
 
 def _together(maps: Sequence[Map]) -> np.ndarray:
     """Covariance of the lines of all maps, which are independent of one another."""
-    own = [
-        joint_of(grid.surfaces.line_cov) if grid.surface_covariance is None else grid.surface_covariance
-        for grid in maps
-        if grid.surfaces is not None
-    ]
+    own = [grid.lines_covariance for grid in maps if grid.surfaces is not None]
     return np.asarray(block_diag(*(one for one in own if one.size)).reshape(sum(map(len, own)), -1))
 
 

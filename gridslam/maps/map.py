@@ -55,6 +55,8 @@ class Map(MapCells):
         Of "floor" and "ceiling", if coefficients were learned: beliefs over `world.levels.COEFFICIENTS`.
     stretches : SurfaceStretches or None
         Where along the surfaces paths were reflected, of runs of methods that map no cells; None: not known.
+    anchors : MapAnchors or None
+        Where anchors stand, if the scene gave deviations of that and the method learned it.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from scipy.special import expit, logit
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.io.covariances import require_covariance
+from gridslam.maps.map_anchors import MapAnchors
 from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import REFLECTION_BINS
 
@@ -57,6 +58,7 @@ class MapCells:
     surface_covariance: np.ndarray | None = None
     levels: dict[str, np.ndarray] = field(default_factory=dict)
     stretches: SurfaceStretches | None = None
+    anchors: MapAnchors | None = None
 
     def __post_init__(self) -> None:
         types = {
@@ -101,6 +103,8 @@ class MapCells:
         object.__setattr__(self, "levels", {n: _level(n, one) for n, one in self.levels.items()})
         if self.surface_covariance is not None:
             self._require_joint(np.ascontiguousarray(self.surface_covariance, dtype=np.float64))
+        if self.anchors is not None:
+            self.anchors.require(self.lines_covariance)
 
     def _require_joint(self, joint: np.ndarray) -> None:
         """Refuse a joint covariance of other surfaces, or none at all."""
@@ -125,6 +129,13 @@ class MapCells:
     def shape(self) -> tuple[int, int]:
         """Number of cells (ny, nx)."""
         return self.evidence.shape[0], self.evidence.shape[1]
+
+    @property
+    def lines_covariance(self) -> np.ndarray:
+        """Covariance of all surfaces' angles and offsets: (2 S, 2 S) float64."""
+        if self.surface_covariance is not None:
+            return self.surface_covariance
+        return joint_of(self.surfaces.line_cov if self.surfaces is not None else np.zeros((0, 2, 2)))
 
     @property
     def truth_given(self) -> str:

@@ -86,6 +86,16 @@ FEATURES = Group("features", (
             "features are independent", shape="3 F, 3 F"),
 ), "nothing was learned")  # fmt: skip
 
+ANCHORS = Group("anchors", (
+    Dataset("@names", "1", "what they are called", shape="J", kind="text"),
+    Dataset("position_m", "m", "where they stand", shape="J, 2"),
+    Dataset("orientation_rad", "rad", "where their arrays point", shape="J"),
+    Dataset("covariance", "m^2, m rad, rad^2", "of x, y and orientation of all anchors together",
+            shape="3 J, 3 J"),
+    Dataset("cross", "m rad, m^2, rad^2, rad m", "of these with all surfaces' lines, in their order",
+            shape="3 J, 2 S"),
+), "anchors stand as the scene says, or it wasn't learned")  # fmt: skip
+
 LEVEL_BELIEFS = Group("levels", tuple(
     Dataset(name, "1", f"belief about the coefficient of the {name}, over values from 0.01 to 0.99",
             "not learned", 0, 1, shape="50")
@@ -111,4 +121,4 @@ PROVENANCE = Group("provenance", (
     replace(_about_a_run("anchor_y_m", "float64", "the same, y", "m"), shape="J"),
 ), "nobody knows who made it")  # fmt: skip
 
-MAP = Layout("map.h5", "gridslam-map", (1,), (GRID, SURFACES, FEATURES, LEVEL_BELIEFS, PROVENANCE))
+MAP = Layout("map.h5", "gridslam-map", (1,), (GRID, SURFACES, FEATURES, ANCHORS, LEVEL_BELIEFS, PROVENANCE))

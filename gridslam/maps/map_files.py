@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import os
 from pathlib import Path
@@ -22,8 +23,9 @@ from gridslam.io.files import (
     write_bytes,
     writing_h5,
 )
+from gridslam.maps.map_anchors import MapAnchors
 from gridslam.maps.map_cells import MapCells, anchors_of
-from gridslam.maps.map_datasets import FEATURES, GRID, LEVEL_BELIEFS, MAP, SURFACES
+from gridslam.maps.map_datasets import ANCHORS, FEATURES, GRID, LEVEL_BELIEFS, MAP, SURFACES
 from gridslam.maps.walls import WallSegments
 from gridslam.world.geometry import line_of_sfv
 from gridslam.world.radio import REFLECTION_BINS
@@ -66,6 +68,8 @@ def put_map(grid: MapCells, group: h5py.Group) -> None:
         SURFACES.put(group, vars(grid.surfaces) | beside)
     if grid.features is not None:
         FEATURES.put(group, vars(grid.features) | {"joint_covariance": grid.feature_covariance})
+    if grid.anchors is not None:
+        ANCHORS.put(group, vars(grid.anchors) | {"@names": grid.anchors.names})
     if grid.levels:
         LEVEL_BELIEFS.put(group, grid.levels)
     put_attributes(group.create_group("provenance"), grid.provenance)
@@ -103,6 +107,7 @@ def get_map(group: h5py.Group) -> dict[str, Any]:
         "provenance": provenance,
         **(_read_surfaces(group) if "surfaces" in group else {}),
         **(_read_features(group, provenance) if "features" in group else {}),
+        "anchors": _read_anchors(group) if "anchors" in group else None,
         "levels": {name: one for name, one in LEVEL_BELIEFS.get(group).items() if one is not None},
     }
 
@@ -194,8 +199,15 @@ def _read_features(group: h5py.Group, provenance: dict[str, Any]) -> dict[str, A
     return {"features": FeatureEstimate(**table), "feature_covariance": found["joint_covariance"]}
 
 
+def _read_anchors(group: h5py.Group) -> MapAnchors:
+    """Where anchors stand, as it was learned with the surfaces."""
+    found = ANCHORS.get(group)
+    return MapAnchors(found.pop("@names"), **found)
+
+
 def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegments) -> None:
-    """Write ``cells.csv`` (observed cells by their centres), ``surfaces.csv`` and, if any, ``features.csv``.
+    """Write ``cells.csv`` (observed cells by their centres), ``surfaces.csv`` and, if any, ``features.csv``
+    and ``anchors.csv``.
 
     Surfaces have one row per stretch where there is a wall, and one without ends where there is none; of
     coefficients of which nothing was learned the cells are empty.
@@ -232,6 +244,18 @@ def write_csv(grid: MapCells, directory: str | os.PathLike[str], walls: WallSegm
         place = [found.identity, found.anchor, found.anchor_m, found.position_m, found.bias_m]
         rest = [found.variance, deviation, found.kind, found.steps_seen]
         _csv(folder / "features.csv", names, np.column_stack([*place, *rest]))
+    if grid.anchors is not None:
+        _anchors_csv(grid.anchors, folder / "anchors.csv")
+
+
+def _anchors_csv(anchors: MapAnchors, path: Path) -> None:
+    buffer = io.StringIO()
+    rows = csv.writer(buffer, lineterminator="\n")
+    names = "anchor,x_m,y_m,orientation_rad,x_std_m,y_std_m,orientation_std_rad"
+    rows.writerow(names.split(","))
+    for name, *numbers in zip(anchors.names, *anchors.columns, strict=True):
+        rows.writerow([name, *(f"{number:.9g}" for number in numbers)])
+    write_bytes(path, buffer.getvalue().encode())
 
 
 def _csv(path: Path, names: str, rows: np.ndarray) -> None:

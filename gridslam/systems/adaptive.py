@@ -43,6 +43,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems.front import SurfaceFilter, inherit_levels, inherit_surfaces
+from gridslam.systems.handed_anchors import learned_anchors
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
@@ -55,7 +56,8 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     )  # fmt: skip
     if prior is None:
         return with_mountings(state, model)
-    return with_mountings(inherit_surfaces(state, prior), model, prior.was_heard)
+    state = inherit_surfaces(state, prior)
+    return with_mountings(state, model, prior.was_heard, learned_anchors(prior, model))
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:

@@ -14,6 +14,7 @@ from gridslam.arrays import Array
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
 from gridslam.maps.map import Map
+from gridslam.maps.map_cells import joint_of
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import gap_to_origin, moved_lines, wrap
 from gridslam.world.scene_parts import GridSpec
@@ -76,14 +77,14 @@ def moved_map(known: Map, by: Array) -> Map:
     if not by.any():
         return known
     changes: dict[str, object] = {}
+    whole = np.zeros((0, 0))
     if known.surfaces is not None:
         changes["surfaces"], slope = moved_surfaces(known.surfaces, by)
+        whole = joint_of(slope)
         if known.surface_covariance is not None:
-            size = 2 * len(slope)
-            whole = np.zeros((size, size))
-            for k, own in enumerate(slope):
-                whole[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = own
             changes["surface_covariance"] = whole @ known.surface_covariance @ whole.T
+    if known.anchors is not None:
+        changes["anchors"] = known.anchors.moved(by, whole)
     if known.features is not None:
         changes["features"] = moved_features(known.features, by)
     return replace(known, **changes)  # type: ignore[arg-type]

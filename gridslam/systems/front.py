@@ -39,6 +39,7 @@ from gridslam.maps.frames import stamped
 from gridslam.maps.map import Map
 from gridslam.systems.far_regions import moved_estimate, moved_map
 from gridslam.systems.filter_front import FilterFront, Moment, require_paths
+from gridslam.systems.handed_anchors import map_anchors
 from gridslam.systems.soundness import require_sound_population
 from gridslam.world.filter_model import FilterModel, detected
 from gridslam.world.geometry import wrap
@@ -111,7 +112,9 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
 
     def _inherited(self, prior: Map) -> Map | None:
         """Features that surfaces may not stand for, and cells, of systems that don't map any."""
-        none: Any = dict.fromkeys(("surfaces", "surface_reflection", "surface_covariance", "stretches"))
+        none: Any = dict.fromkeys(
+            ("surfaces", "surface_reflection", "surface_covariance", "stretches", "anchors")
+        )
         bare = replace(prior, **none, levels={})
         if self.keeps_grid:
             grid = prior.blank(prior.origin_m, prior.cell_m, prior.shape, prior.prior)
@@ -126,6 +129,7 @@ class SurfaceFront(FilterFront[Observed, Population[State]]):
         found = detected(table.existence, self.model.settings)
         joint = lines_covariance(state.belief, found)
         own_map = bare_map(self, table.take(found), state.surfaces.reflection[found], joint)
+        own_map = replace(own_map, anchors=map_anchors(state, found, self.model))
         levels = () if state.levels is None else zip(self.model.level_names, state.levels, strict=True)
         own_map = replace(own_map, levels={name: belief for name, belief in levels if belief.any()})
         earlier = self.inherited

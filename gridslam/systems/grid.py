@@ -40,6 +40,7 @@ from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.maps.map import Map
 from gridslam.systems.front import SurfaceFilter, inherit_levels, inherit_surfaces
+from gridslam.systems.handed_anchors import learned_anchors
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
@@ -59,7 +60,12 @@ def start(model: FilterModel, prior: Map | None = None) -> State:
     if prior is None:
         return with_mountings(replace(state, grid=Grid.empty(model.grid.shape)), model)
     grid = Grid.inherited(prior.evidence, prior.observed, prior.coefficient)
-    return with_mountings(replace(inherit_surfaces(state, prior), grid=grid), model, prior.was_heard)
+    return with_mountings(
+        replace(inherit_surfaces(state, prior), grid=grid),
+        model,
+        prior.was_heard,
+        learned_anchors(prior, model),
+    )
 
 
 def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple[State, StepInfo]:

@@ -97,7 +97,7 @@ class HybridFilter(SignalFilter[HybridState]):
         if earlier is not None:
             table, joint = with_others(table, joint, earlier.features, earlier.feature_covariance, self.model)
         own_map = replace(
-            own_map, features=table, feature_covariance=joint, provenance=self.latest(),
+            own_map, features=table, feature_covariance=joint, provenance=self.latest(), anchors=None,
             evidence=own_map.evidence + mirrors.grid.evidence,
             observed=own_map.observed | mirrors.grid.observed,
             coefficient=own_map.coefficient + mirrors.grid.coefficient,

@@ -157,7 +157,7 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     axes.add_collection(LineCollection(rays, lw=0.7, alpha=0.7, **look))
     known = now.surfaces.take(now.detected)
     shown = replace(
-        found.map, surfaces=known, surface_reflection=None, surface_covariance=None,
+        found.map, surfaces=known, surface_reflection=None, surface_covariance=None, anchors=None,
         stretches=_stretches(found.map, known),
     )  # fmt: skip
     ends = shown.wall_segments().ends_m

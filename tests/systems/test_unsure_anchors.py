@@ -246,16 +246,48 @@ def test_a_place_that_is_found_is_known_as_anchors_are():
     assert np.linalg.eigvalsh(joint / np.outer(scale, scale)).min() > -1e-9
 
 
+def next_agent(made, told):
+    """An agent of the same anchors with a map, before its first step and after its last."""
+    slam = gs.GridSlam(told, prior_map=made, seed=5, same_frame=True)
+    begun = slam.state.mountings
+    for scan in gs.simulate(stood(steps=6, aside=drawn(64)), "agent1", 5):
+        estimate = slam.step(scan)
+    return begun, estimate
+
+
+def test_the_next_agent_begins_with_anchors_as_the_first_one_found_them():
+    slam, estimate = stepped(place=PLACE, turn=TURN)
+    begun, _ = next_agent(slam.map(), stood(steps=6, place=PLACE, turn=TURN))
+    ended = slam.state.mountings
+    np.testing.assert_allclose(begun.mean, ended.mean, atol=1e-12)
+    np.testing.assert_allclose(begun.covariance, ended.covariance, atol=1e-8)
+    assert begun.turn_variance == pytest.approx(ended.turn_variance, rel=1e-4)
+    made = slam.map().anchors
+    assert made.names == tuple(estimate.anchors)
+    for (*own, std_x, std_y, turn_std), found in zip(made.columns.T, estimate.anchors.values(), strict=True):
+        np.testing.assert_allclose(own, [*found.position_m, found.orientation_rad])
+        claimed = [found.position_std_m, found.orientation_std_rad]
+        np.testing.assert_allclose([np.hypot(std_x, std_y), turn_std], claimed)
+
+
 def test_maps_that_such_anchors_made_do_not_tell_where_they_stand():
-    """The next agent's claims don't shrink: the same anchors are off by the same."""
+    """Claims shrink by what the next agent's own start tells alone: the same anchors are off by the same."""
     slam, first = stepped(place=0.3)
     told = stood(steps=6, place=0.3)
-    second = gs.GridSlam(told, prior_map=slam.map(), seed=5)
-    for scan in gs.simulate(stood(steps=6, aside=drawn(64)), "agent1", 5):
-        estimate = second.step(scan)
-    assert estimate.anchors["A"].position_std_m > 0.9 * first.anchors["A"].position_std_m
-    plan = replace(slam.map(), provenance={})  # of a floor plan that was read from elsewhere, walls tell it
-    third = gs.GridSlam(told, prior_map=plan, seed=5, same_frame=True)
-    for scan in gs.simulate(stood(steps=6, aside=drawn(64)), "agent1", 5):
-        estimate = third.step(scan)
-    assert estimate.anchors["A"].position_std_m < 0.9 * first.anchors["A"].position_std_m
+    claimed, open_ = first.anchors["A"].position_std_m, 2 * 0.3**2 / 2
+    # of what two anchors have in common, which nothing that is heard tells; each start does as much
+    by_start = 1 / claimed**2 - 1 / open_
+    twice = (1 / open_ + 2 * by_start) ** -0.5
+    _, estimate = next_agent(slam.map(), told)
+    assert estimate.anchors["A"].position_std_m == pytest.approx(twice, rel=0.03)
+    earlier = replace(slam.map(), anchors=None)  # of an earlier version, or fused
+    assert next_agent(earlier, told)[1].anchors["A"].position_std_m > 0.9 * claimed
+    plan = replace(slam.map(), provenance={}, anchors=None)  # read from elsewhere: walls tell it
+    assert next_agent(plan, told)[1].anchors["A"].position_std_m < 0.9 * claimed
+
+
+def test_who_knows_anchors_takes_their_walls_alone():
+    slam, _ = stepped(place=PLACE, turn=TURN)
+    begun, estimate = next_agent(slam.map(), stood(steps=6))
+    assert begun is None
+    assert not estimate.anchors

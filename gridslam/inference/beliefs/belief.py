@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs, dsygv
 
 from gridslam.arrays import Array, replace
-from gridslam.inference.beliefs.layout import HEADING, StateLayout
+from gridslam.inference.beliefs.layout import HEADING, PER_LINE, StateLayout
 from gridslam.world.geometry import wrap
 
 LEAST_RIDGE = 1e-12
@@ -242,11 +242,16 @@ def separated(belief: Belief) -> Belief:
 
 def lines_covariance(belief: Belief, surfaces: NDArray[np.bool_]) -> Array:
     """Joint covariance of some lines (2 S, 2 S), as they are written for users: with offsets of 0 or more."""
-    marginal = keep(belief, surfaces)
-    sign = np.ones(marginal.layout.size)
-    sign[marginal.layout.offsets] = np.where(marginal.lines[:, 1] < 0, -1.0, 1.0)
-    rows = marginal.layout.lines
-    return np.asarray(marginal.covariance[rows, rows] * np.outer(sign[rows], sign[rows]))
+    rows, sign = lines_as_written(belief, surfaces)
+    return np.asarray(belief.covariance[np.ix_(rows, rows)] * np.outer(sign, sign))
+
+
+def lines_as_written(belief: Belief, surfaces: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
+    """Entries (2 S,) of some lines in a belief, and their signs for users, whose offsets are 0 or more."""
+    rows = belief.layout.head + np.flatnonzero(np.repeat(surfaces, PER_LINE))
+    sign = np.ones((len(belief.lines), PER_LINE))
+    sign[belief.lines[:, 1] < 0, 1] = -1.0
+    return rows, sign[surfaces].ravel()
 
 
 def with_lines(belief: Kind, covariance: Array) -> Kind:

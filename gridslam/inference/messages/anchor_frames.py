@@ -9,26 +9,33 @@ import numpy as np
 from gridslam.arrays import replace
 from gridslam.inference.beliefs.turn import direction
 from gridslam.inference.state.arrangement import mountings_followed
-from gridslam.inference.state.mountings import Mountings
+from gridslam.inference.state.mountings import Learned, Mountings
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel
 
 Model = TypeVar("Model", bound=FilterModel)
 
 
-def with_mountings(state: State, model: FilterModel, heard: bool = False) -> State:
+def with_mountings(
+    state: State, model: FilterModel, heard: bool = False, learned: Learned | None = None
+) -> State:
     """A state before the first step with the prior of how anchors stand, if it holds one joint Gaussian.
 
     Parameters
     ----------
     heard : bool
         Whether its walls were found by such anchors: then they are off by what these have in common.
+    learned : Learned, optional
+        How anchors stand, as it was learned together with these walls.
     """
     if state.samples is not None or not model.settings.correlated:
         return state
     mountings = Mountings.start(model, len(state.belief.mean))
     if mountings is None:
         return state
+    if learned is not None:
+        belief, mountings = Mountings.handed(model, state.belief, learned)
+        return replace(state, belief=belief, mountings=mountings)
     state = replace(state, mountings=mountings)
     if heard:
         layout = state.belief.layout

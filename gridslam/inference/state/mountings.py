@@ -8,9 +8,11 @@ all else instead. What is learned there moves the anchor as well, by its correla
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
@@ -22,6 +24,27 @@ from gridslam.world.geometry import unit, wrap
 
 PER_ANCHOR = 3
 """Entries of an anchor: how far it stands aside of where it is told to, dx, dy (m), and its turn (rad)."""
+ROUNDING = 1e-10
+"""Of correlations."""
+
+
+class Learned(NamedTuple):
+    """How A anchors stand, as an earlier agent learned it with its map's lines.
+
+    Attributes
+    ----------
+    rows : (A,) int
+        Which of the scene's they are.
+    aside : (A, 3) float64
+        dx, dy (m) and turn (rad) against the scene.
+    covariance, cross : (3 A, 3 A), (3 A, 2 S) float64
+        In the scene: with what isn't known of a turn of all.
+    """
+
+    rows: NDArray[np.intp]
+    aside: Array
+    covariance: Array
+    cross: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,16 +72,42 @@ class Mountings:
     @classmethod
     def start(cls, model: FilterModel, size: int) -> Self | None:
         """The prior, independent of a belief of so many entries; None where all anchors stand as is told."""
-        place, turn = model.mounting_std.T
-        departs = model.radio.departs  # without, nothing hangs on how anchors are turned, or tells it
-        variance = np.square(np.column_stack([place, place, departs * turn])).ravel()
+        variance, together, pivot, all_turn = _as_told(model)
         if not variance.any():
             return None
-        told = turn if departs else np.full(len(turn), np.inf)
-        pivot, together, all_turn = common_turn(model.anchors[: model.senders, :2], place, told)
-        together = np.where(variance > 0, together, 0.0)
         covariance = np.diag(variance) - all_turn * np.outer(together, together)
         return cls(np.zeros(len(variance)), covariance, np.zeros((len(variance), size)), pivot, all_turn)
+
+    @classmethod
+    def handed(cls, model: FilterModel, belief: Belief, learned: Learned) -> tuple[Belief, Self]:
+        """As an earlier agent's map has anchors and its lines, which `belief` holds already.
+
+        What is told in the scene instead, the agent's start and anchors that the map doesn't know, may be
+        turned against that by as much as all may turn together. Some anchor's deviation is told.
+        """
+        variance, together, pivot, all_turn = _as_told(model)
+        size, head = len(variance), belief.layout.head
+        known = (PER_ANCHOR * learned.rows[:, None] + np.arange(PER_ANCHOR)).ravel()
+        lines = size + np.arange(head, belief.layout.size)
+        mean, joint = np.zeros(size), np.zeros((size + belief.layout.size,) * 2)
+        mean[known] = np.where(variance[known] > 0, learned.aside.ravel(), 0.0)
+        joint[np.arange(size), np.arange(size)] = variance
+        joint[np.ix_(known, known)] = learned.covariance
+        joint[np.ix_(known, lines)], joint[np.ix_(lines, known)] = learned.cross, learned.cross.T
+        sure = np.flatnonzero(variance == 0)
+        joint[sure], joint[:, sure] = 0.0, 0.0
+        joint[size:, size:] = belief.covariance
+        way = np.concatenate([together, direction(belief, pivot)])
+        heard = np.concatenate([known[variance[known] > 0], lines])
+        if all_turn:
+            all_turn = _removable(joint[np.ix_(heard, heard)], way[heard])
+            # about an only anchor walls are turned, not the start: one so wide would be searched for
+            told = np.setdiff1d(np.arange(len(way)), heard) if model.senders > 1 else lines
+            within, against = np.zeros_like(way), np.zeros_like(way)
+            within[heard], against[told] = way[heard], way[told]
+            joint += all_turn * (np.outer(against, against) - np.outer(within, within))
+        own = joint[:size, :size], joint[:size, size:]
+        return replace(belief, covariance=joint[size:, size:]), cls(mean, *own, pivot, all_turn)
 
     @property
     def aside(self) -> Array:
@@ -71,6 +120,20 @@ class Mountings:
         variance = self.covariance.diagonal() + self.turn_variance * together**2
         std = np.sqrt(np.maximum(variance, 0.0)).reshape(-1, PER_ANCHOR)
         return std if model.radio.departs else np.column_stack([std[:, :2], model.orientation_std])
+
+    def jointly(self, belief: Belief, model: FilterModel) -> tuple[Array, Array]:
+        """Covariance in the scene (3 J, 3 J), and that with the entries of a belief (3 J, N).
+
+        With what isn't known of a turn of all, which the belief has already.
+        """
+        variance, together, _, _ = _as_told(model)
+        together = np.where(variance > 0, _together(model.anchors[: model.senders, :2], self.pivot), 0.0)
+        covariance = self.covariance + self.turn_variance * np.outer(together, together)
+        cross = self.cross + self.turn_variance * np.outer(together, direction(belief, self.pivot))
+        if not model.radio.departs:
+            turns = np.arange(PER_ANCHOR - 1, len(covariance), PER_ANCHOR)
+            covariance[turns, turns] = model.orientation_std**2
+        return covariance, cross
 
     def predicted(self, dt: float) -> Self:
         """A step of so many seconds on: the agent has moved."""
@@ -129,6 +192,35 @@ class Mountings:
         covariance = belief.covariance + linked + linked.T + slope @ self.covariance[own, own] @ slope.T
         cross = self.cross + self.covariance[:, own] @ slope.T
         return replace(belief, covariance=0.5 * (covariance + covariance.T)), replace(self, cross=cross)
+
+
+def _as_told(model: FilterModel) -> tuple[Array, Array, Array, float]:
+    """Variances that a scene gives anchors, (3 J,), and what `common_turn` makes of them.
+
+    Returns
+    -------
+    (variance, together, pivot, turn variance)
+        together: 0 for what is known.
+    """
+    place, turn = model.mounting_std.T
+    departs = model.radio.departs  # without, nothing hangs on how anchors are turned, or tells it
+    variance = np.square(np.column_stack([place, place, departs * turn])).ravel()
+    if not variance.any():
+        return variance, np.zeros_like(variance), np.zeros(2), 0.0
+    told = turn if departs else np.full(len(turn), np.inf)
+    pivot, together, all_turn = common_turn(model.anchors[: model.senders, :2], place, told)
+    return variance, np.where(variance > 0, together, 0.0), pivot, all_turn
+
+
+def _removable(covariance: Array, way: Array) -> float:
+    """The largest variance of a motion `way` (N,) that a covariance (N, N) holds independent of all else."""
+    scale = np.sqrt(covariance.diagonal())
+    moved = scale > 0
+    if not moved.all() and way[~moved].any():
+        return 0.0
+    own = covariance[np.ix_(moved, moved)] / np.outer(scale[moved], scale[moved])
+    root = np.linalg.cholesky(own + ROUNDING * np.eye(len(own)))
+    return float(1 / np.square(solve_triangular(root, way[moved] / scale[moved], lower=True)).sum())
 
 
 def common_turn(place: Array, place_std: Array, turn_std: Array) -> tuple[Array, Array, float]:

@@ -7,7 +7,8 @@ import pytest
 from filter_states import model_of
 
 from gridslam.inference.beliefs.belief import Belief
-from gridslam.inference.state.mountings import Mountings, by_mounting, carried, common_turn
+from gridslam.inference.beliefs.turn import direction
+from gridslam.inference.state.mountings import Learned, Mountings, by_mounting, carried, common_turn
 from gridslam.world.geometry import mirror, unit, wrap
 
 PLACES = np.array([[1.0, 2.0, 0.3], [6.0, -1.0, 2.0], [3.0, 5.0, -1.0]])
@@ -189,6 +190,106 @@ def test_without_departures_nothing_hangs_on_turns_and_places_alone_tell_that_of
     alone = model(0.1, 0.05, PLACES[:1])
     alone = replace(alone, radio=replace(alone.radio, measures=("distance", "aoa")))
     assert Mountings.start(alone, 5).turn_variance == 0
+
+
+def after_a_run(own, seed=8):
+    """An agent's belief and mountings that have become surer of differences, not of a turn of all."""
+    start, belief = Mountings.start(own, 9), belief_of(seed)
+    noise, count = np.random.default_rng(seed + 7), 3 * own.senders
+    head = np.zeros((count + 9,) * 2)
+    head[:count, :count], head[count:, count:] = start.covariance, belief.covariance
+    told = noise.normal(size=(6, count + 9)) / 0.05
+    root = np.linalg.solve(told @ head @ told.T + np.eye(6), told @ head)
+    left = head - head @ told.T @ root
+    left = 0.5 * (left + left.T)
+    mountings = replace(
+        start,
+        mean=0.03 * noise.normal(size=count),
+        covariance=left[:count, :count],
+        cross=left[:count, count:],
+    )
+    return replace(belief, covariance=left[count:, count:]), mountings
+
+
+def handed(own, belief, mountings, rows):
+    """What the next agent begins with, by the map of one that is through; its lines alone are handed over."""
+    turned = mountings.turn_variance * np.outer(way := direction(belief, mountings.pivot), way)
+    whole = replace(belief, covariance=belief.covariance + turned)
+    covariance, cross = mountings.jointly(whole, own)
+    entries = np.add.outer(3 * np.array(rows), np.arange(3)).ravel()
+    begun = np.zeros((9, 9))
+    begun[:5, :5], begun[5:, 5:] = 0.01 * np.eye(5), whole.covariance[5:, 5:]
+    learned = Learned(
+        np.array(rows), mountings.aside[rows], covariance[np.ix_(entries, entries)], cross[entries][:, 5:]
+    )
+    return Mountings.handed(own, replace(belief, covariance=begun), learned)
+
+
+def test_the_next_agent_goes_on_where_the_first_one_ended():
+    """Anchors and walls against each other as before; a start that is told may be turned against them."""
+    own = model()
+    belief, mountings = after_a_run(own)
+    begun, again = handed(own, belief, mountings, [0, 1, 2])
+    assert again.turn_variance == pytest.approx(mountings.turn_variance, rel=1e-6)
+    np.testing.assert_array_equal(again.mean, mountings.mean)
+    np.testing.assert_allclose(again.covariance, mountings.covariance, atol=1e-9)
+    np.testing.assert_allclose(again.cross[:, 5:], mountings.cross[:, 5:], atol=1e-9)
+    np.testing.assert_allclose(begun.covariance[5:, 5:], belief.covariance[5:, 5:], atol=1e-8)
+    assert not again.cross[:, :5].any()
+    assert not begun.covariance[:5, 5:].any()
+    way = direction(begun, again.pivot)[:5]
+    turned = 0.01 * np.eye(5) + again.turn_variance * np.outer(way, way)
+    np.testing.assert_allclose(begun.covariance[:5, :5], turned, atol=1e-9)
+
+
+def test_an_anchor_that_the_map_does_not_know_stands_as_is_told():
+    own = model()
+    belief, mountings = after_a_run(own)
+    begun, again = handed(own, belief, mountings, [2, 0])
+    np.testing.assert_array_equal(again.mean[ROWS], 0)
+    np.testing.assert_array_equal(again.aside[[0, 2]], mountings.aside[[0, 2]])
+    # told in the scene, as the agent's start is: both may be turned by the same against what was learned
+    x, y = PLACES[1, :2] - again.pivot
+    together = np.array([-y, x, 1.0])
+    expected = np.diag([0.01, 0.01, 0.0025]) + again.turn_variance * np.outer(together, together)
+    np.testing.assert_allclose(again.covariance[ROWS, ROWS], expected, atol=1e-9)
+    way = direction(begun, again.pivot)[:5]
+    np.testing.assert_allclose(
+        again.cross[ROWS, :5], again.turn_variance * np.outer(together, way), atol=1e-9
+    )
+    assert not again.cross[ROWS, 5:].any()
+    assert again.turn_variance >= mountings.turn_variance
+    joint = np.block([[again.covariance, again.cross], [again.cross.T, begun.covariance]])
+    scale = np.sqrt(np.diag(joint))
+    assert np.linalg.eigvalsh(joint / np.outer(scale, scale)).min() > -1e-9
+
+
+def test_about_an_only_anchor_walls_may_be_turned_and_the_start_is_as_told():
+    own = model(anchors=PLACES[:1])
+    belief, mountings = after_a_run(own)
+    begun, again = handed(own, belief, mountings, [0])
+    assert again.turn_variance == pytest.approx(0.05**2, rel=1e-6)
+    np.testing.assert_allclose(again.covariance, mountings.covariance, atol=1e-9)
+    np.testing.assert_array_equal(begun.covariance[:5, :5], 0.01 * np.eye(5))
+    way = direction(begun, again.pivot)[5:]
+    turned = belief.covariance[5:, 5:] + 0.05**2 * np.outer(way, way)
+    np.testing.assert_allclose(begun.covariance[5:, 5:], turned, atol=1e-8)
+
+
+def test_what_is_known_by_now_is_taken_as_told():
+    """Orientations that the next scene knows: neither turned nor anything of a turn of all."""
+    belief, mountings = after_a_run(model())
+    known = model(turn=0.0)
+    learned = Learned(np.arange(3), mountings.aside, *mountings.jointly(belief, model()))
+    learned = learned._replace(cross=learned.cross[:, 5:])
+    _, again = Mountings.handed(known, belief, learned)
+    assert again.turn_variance == 0
+    assert not again.aside[:, 2].any()
+    assert not again.covariance[2::3].any()
+    places = np.flatnonzero(np.arange(9) % 3 < 2)
+    np.testing.assert_array_equal(
+        again.covariance[np.ix_(places, places)], learned.covariance[np.ix_(places, places)]
+    )
 
 
 def test_who_is_found_by_anchors_is_off_by_what_they_have_in_common():
