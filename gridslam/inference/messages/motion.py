@@ -12,6 +12,7 @@ from gridslam.inference.beliefs import belief
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.messages.amplitudes import detection_table
+from gridslam.inference.messages.anywhere import anywhere
 from gridslam.inference.state import surface_bank
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
@@ -54,7 +55,7 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
             else chances(surfaces, state.belief.lines, state.belief.mean[:2], model)
         )
         surfaces = surface_bank.evolve(surfaces, settings.survival, settings.reflection, chance)
-    return replace(
+    moved = replace(
         state,
         belief=joint,
         surfaces=surfaces,
@@ -64,6 +65,8 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         monitor=state.monitor.next_step(scan_size),
         time_s=time_s,
     )
+    free = anywhere(joint, model)
+    return moved if free is joint else moved.placed(free)
 
 
 def predict_agent(joint: Belief, elapsed_s: float, settings: FilterSettings) -> Belief:

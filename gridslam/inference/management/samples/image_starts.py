@@ -19,7 +19,8 @@ from gridslam.inference.messages.samples.image_births import INTENSITIES_DB, Fou
 from gridslam.inference.messages.samples.image_prediction import predict_state
 from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse, band_of
 from gridslam.inference.state.population import Population
-from gridslam.inference.state.samples.images import DirectState
+from gridslam.inference.state.rings import MOVING
+from gridslam.inference.state.samples.images import DirectState, Tentative
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
@@ -38,6 +39,8 @@ HOPELESS = 30.0
 anchors says the same, but for errors of Laplace's approximation, which grow from step to step."""
 ONE_PLACE_M, FOUND = 0.5, 0.5
 """Within which two images of an anchor are one; existence from which on an image needs its twin."""
+SEVERAL = 3
+"""Anchors that tell a place by their distances."""
 UNSEEN = 4.0
 """The same of a line of sight that makes no peak, in ratio to peaks at most."""
 
@@ -47,11 +50,43 @@ def begun(state: DirectState, band: Band) -> Population[DirectState]:
     return Population.of(state, searching=state.spread_m > band.resolution_m)
 
 
+def begun_anew(
+    population: Population[DirectState], time_s: float, model: SignalModel
+) -> Population[DirectState]:
+    """The same; after a silence that leaves less of its place than that it is in the region, the agent is
+    searched for, (M570).
+
+    Settled images stay as they were; rings hang on where the agent was. Two anchors alone don't tell on which
+    side of them it is.
+    """
+    before = population.best
+    if before.time_s is None:
+        return population
+    after = predict_state(before, time_s, 0, model)
+    side = np.array(model.grid.shape[::-1]) * model.grid.cell_m
+    variance = np.append(side**2 / 12, model.start_variance[2:MOVING] + after.belief.mean[2:MOVING] ** 2)
+    if after.spread_m < np.sqrt(variance[:2].sum()) or population.searching:
+        return population
+    mean, covariance = after.belief.mean.copy(), after.belief.covariance.copy()
+    mean[:2], mean[2:MOVING] = model.middle, 0.0
+    covariance[:MOVING], covariance[:, :MOVING] = 0.0, 0.0
+    covariance[:MOVING, :MOVING] = np.diag(variance)
+    state = replace(
+        before,
+        belief=replace(after.belief, mean=mean, covariance=covariance),
+        tentative=Tentative.empty(),
+        one_sided=np.full_like(before.one_sided, len(before.one_sided) < SEVERAL),
+        time_s=time_s,
+    )
+    return Population.of(state, searching=True)
+
+
 def advance_population(
     population: Population[DirectState], scan: SignalScan, model: SignalModel, step: Step
 ) -> tuple[Population[DirectState], Any, str]:
     """One step of all hypotheses: these, what happened in the likeliest, and what is amiss with the start."""
     band = band_of(model.waveform)
+    population = begun_anew(population, scan.time_s, model)
     if population.searching and scan.heard.any():
         population = _started(population.best, scan, model, band)
     stepped = [step(state, scan, model) for state in population.states]

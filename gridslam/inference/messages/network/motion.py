@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
+from gridslam.inference.messages.anywhere import anywhere
 from gridslam.inference.messages.motion import JITTER, chances
 from gridslam.inference.messages.network.walk import walk_covariance
 from gridslam.inference.state import surface_bank
@@ -40,6 +41,8 @@ def predict_all(
             surfaces.foot, np.exp(np.maximum(surfaces.walk, 0.0)),
             None if state.walks is None else walk_covariance(state, model),
         )  # fmt: skip
+        for agent, own in enumerate(model.agents):
+            belief = anywhere(belief, own, agent)
         surfaces = surface_bank.evolve(
             surfaces, settings.survival, settings.reflection, best_chances(state, scans, model)
         )
