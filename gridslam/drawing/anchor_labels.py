@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,9 +19,21 @@ ACROSS = 0.045
 ASIDE_POINTS = 6.0, 5.0
 NEAR = 0.85
 """Cosine of the angle up to which a side lies on a way."""
+FOUND = "#D55E00"
 
 
-def anchors(axes: Axes, scene: Scene, size: float = 8.0, facing: bool = False) -> None:
+class Standing(Protocol):
+    """What is drawn of where anchors stand, as it was learned."""
+
+    @property
+    def columns(self) -> Array:
+        """x, y (m), orientation (rad) and their deviations, (6, J)."""
+        ...
+
+
+def anchors(
+    axes: Axes, scene: Scene, size: float = 8.0, facing: bool = False, found: Standing | None = None
+) -> None:
     """Anchors with their names; the limits of the axes are those of what is shown.
 
     Parameters
@@ -30,9 +42,15 @@ def anchors(axes: Axes, scene: Scene, size: float = 8.0, facing: bool = False) -
         Of their marks.
     facing : bool
         Whether arrows show where they face, which names stand clear of, too.
+    found : Standing, optional
+        Where they stand, as it was learned.
     """
     place = scene.anchor_positions
     axes.plot(*place.T, "^", color="k", mec="w", ms=size, ls="", label="anchors", zorder=6)
+    if found is not None:
+        x, y, _, x_std, y_std, _ = found.columns
+        bars: dict[str, Any] = {"fmt": "none", "ecolor": FOUND, "elinewidth": 1.5, "zorder": 7}
+        axes.errorbar(x, y, 2 * y_std, 2 * x_std, label="anchors as found, 2 deviations", **bars)
     halo = [withStroke(linewidth=2, foreground="w")]
     style: dict[str, Any] = {"fontsize": "small", "path_effects": halo, "zorder": 6}
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()

@@ -24,7 +24,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.drawing.anchor_labels import anchors
+from gridslam.drawing.anchor_labels import Standing, anchors
 from gridslam.drawing.widths import PAGE_IN, WIDE_IN
 from gridslam.estimate_tables import HypothesisEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
@@ -81,6 +81,8 @@ class Cells(Protocol):
     def surfaces(self) -> SurfaceEstimate | None: ...  # noqa: D102
     @property
     def stretches(self) -> object | None: ...  # noqa: D102
+    @property
+    def anchors(self) -> Standing | None: ...  # noqa: D102
 
     def wall_segments(self) -> Walls: ...  # noqa: D102
 
@@ -123,7 +125,7 @@ def draw_map(
         axes.plot(*track.position_m[0], "o", color=BLUE, mec="w", ms=5, label="start", zorder=5)
     rivals(axes, estimates)
     if scene is not None:
-        anchors(axes, scene)
+        anchors(axes, scene, found=grid.anchors)
     legend(figure, axes, mapped)
     return figure
 

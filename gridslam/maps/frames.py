@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 SAME_PLACE_M = 0.01
 """Anchors are surveyed better than this."""
+FAR = 4.0
+"""Deviations beyond which an anchor doesn't stand where it was learned to."""
 
 
 def stamped(grid: Map, scene: Scene) -> Map:
@@ -93,7 +95,8 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     refuse_repeated_runs(grid, where)
     places = dict(zip(scene.anchor_names, map(tuple, scene.anchor_positions.tolist()), strict=True))
     found = dict(anchors_of(grid.provenance))
-    _require_same(found.items(), places, where)
+    learned = _learned(grid, scene)
+    _require_same([one for one in found.items() if one[0] not in learned], places, where)
     named = {scene.frame} if scene.frame is not None else set()
     if same_frame:
         grid = grid if _linked(found, _names(grid.provenance), places, named) else assured(grid, scene)
@@ -112,6 +115,25 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
         sizes = [f"{g.shape[1]} x {g.shape[0]} cells of {g.cell_m:g} m" for g in (grid, on_grid)]
         notes.append(f"{where}: {sizes[0]} resampled to the scene's {sizes[1]}")
     return on_grid, "; ".join(notes) or None
+
+
+def _learned(grid: Map, scene: Scene) -> set[str]:
+    """Anchors that stand where a map's agents learned, of a scene that has them elsewhere than theirs had.
+
+    Perhaps it was surveyed since, or their places are rough guesses, known to no better than is told.
+    """
+    told = {anchor.name: anchor for anchor in scene.anchors}
+    found = grid.anchors
+    if found is None:
+        return set()
+    near = set[str]()
+    for name, x, y, _, x_std, y_std, _ in zip(found.names, *found.columns, strict=True):
+        if name in told:
+            spread = np.hypot([x_std, y_std], told[name].position_std_m)
+            off = np.subtract((x, y), told[name].position_m[:2])
+            if (np.abs(off) < SAME_PLACE_M + FAR * spread).all():
+                near.add(name)
+    return near
 
 
 def refuse_lost(maps: Sequence[Map], names: Sequence[str]) -> None:

@@ -8,9 +8,11 @@ import pytest
 from scene_samples import raised, shortened
 
 import gridslam as gs
+from gridslam.drawing.map_figure import draw_map
 from gridslam.errors import InputError
 from gridslam.inference.management.free_turn import position_spread
 from gridslam.inference.messages.anchor_frames import as_believed
+from gridslam.maps.frames import SAME_PLACE_M
 from gridslam.systems.registry import METHODS, method_class
 
 PLACE, TURN = 0.1, 3.0
@@ -291,3 +293,36 @@ def test_who_knows_anchors_takes_their_walls_alone():
     begun, estimate = next_agent(slam.map(), stood(steps=6))
     assert begun is None
     assert not estimate.anchors
+
+
+def moved_anchors(scene, learned, share, place=0.0, turn=0.0):
+    """A scene with anchors a share of the way to where they were learned to stand, and told so well."""
+    data = scene.model_dump(exclude_none=True)
+    for anchor, x, y in zip(data["anchors"], *learned.columns[:2], strict=True):
+        there = np.array(anchor["position_m"][:2])
+        anchor["position_m"] = (there + share * (np.array([x, y]) - there)).tolist()
+        anchor |= {"position_std_m": place, "orientation_std_deg": turn}
+    return gs.Scene.checked(data, data["name"])
+
+
+@pytest.mark.parametrize("told", [{}, {"place": PLACE, "turn": TURN}])
+def test_a_map_fits_a_scene_whose_anchors_were_surveyed_since(told):
+    slam, _ = stepped(place=PLACE, turn=TURN)
+    made = slam.map()
+    surveyed = moved_anchors(slam.scene, made.anchors, 1.0, **told)
+    assert np.hypot(*(surveyed.anchor_positions - slam.scene.anchor_positions).T).min() > SAME_PLACE_M
+    begun = gs.GridSlam(surveyed, prior_map=made).state.mountings
+    if told:  # there already, and as sure
+        np.testing.assert_allclose(begun.aside[:, :2], 0, atol=1e-9)
+        np.testing.assert_allclose(begun.aside[:, 2], slam.state.aside[:, 2], atol=1e-9)
+    with pytest.raises(InputError, match="map: frame: found anchor 'A' at"):  # where none of them is
+        gs.GridSlam(moved_anchors(slam.scene, made.anchors, 80.0, **told), prior_map=made)
+    with pytest.raises(InputError, match="map: frame: found anchor 'A' at"):  # known, by its maker
+        gs.GridSlam(surveyed, prior_map=replace(made, anchors=None))
+
+
+def test_the_map_is_drawn_with_anchors_where_they_were_found():
+    slam, _ = stepped(place=PLACE, turn=TURN)
+    for made, wanted in ((slam.map(), 1), (replace(slam.map(), anchors=None), 0)):
+        _, labels = draw_map(made, slam.scene).axes[0].get_legend_handles_labels()
+        assert labels.count("anchors as found, 2 deviations") == wanted

@@ -106,8 +106,10 @@ class Mountings:
             within, against = np.zeros_like(way), np.zeros_like(way)
             within[heard], against[told] = way[heard], way[told]
             joint += all_turn * (np.outer(against, against) - np.outer(within, within))
-        own = joint[:size, :size], joint[:size, size:]
-        return replace(belief, covariance=joint[size:, size:]), cls(mean, *own, pivot, all_turn)
+        own, cross, rest = map(
+            np.ascontiguousarray, (joint[:size, :size], joint[:size, size:], joint[size:, size:])
+        )
+        return replace(belief, covariance=rest), cls(mean, own, cross, pivot, all_turn)
 
     @property
     def aside(self) -> Array:

@@ -237,6 +237,7 @@ def test_the_next_agent_goes_on_where_the_first_one_ended():
     np.testing.assert_allclose(begun.covariance[5:, 5:], belief.covariance[5:, 5:], atol=1e-8)
     assert not again.cross[:, :5].any()
     assert not begun.covariance[:5, 5:].any()
+    assert all(part.flags.c_contiguous for part in (begun.covariance, again.covariance, again.cross))
     way = direction(begun, again.pivot)[:5]
     turned = 0.01 * np.eye(5) + again.turn_variance * np.outer(way, way)
     np.testing.assert_allclose(begun.covariance[:5, :5], turned, atol=1e-9)
