@@ -65,13 +65,15 @@ def progress_bar(
         TextColumn("{task.fields[state]}"),
     )
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(name, total=None, state="")
-        began, square, count = bar.get_time(), 0.0, 0
+        task = bar.add_task(name, total=None, state="loading kernels (compiling them, the first time)")
+        began, earlier, square, count = 0.0, 0, 0.0, 0
 
         def tell(estimate: Estimate, done: int, total: int) -> None:
-            nonlocal square, count
-            rate = done / max(bar.get_time() - began, 1e-9)
-            state = f"{rate:.1f} steps/s"
+            nonlocal began, earlier, square, count
+            if not began:  # kernels were loaded before
+                began, earlier = bar.get_time(), done
+            rate = (done - earlier) / max(bar.get_time() - began, 1e-9)
+            state = f"{rate:.1f} steps/s" if done > earlier else "first step"
             if len(estimate.surfaces):  # hybrid SLAM, and many a method of one's own, have none
                 state += f", {counted(int(estimate.detected.sum()), 'surface')}"
             if truth is not None and truth.time_s[0] <= estimate.time_s <= truth.time_s[-1]:
