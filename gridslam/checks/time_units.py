@@ -24,6 +24,10 @@ MOST_MPS = 30.0
 """Speed from which on one doubts of seconds, too."""
 LEAST_STEPS = 10
 """Steps from which on their numbers are asked what they count."""
+PAUSE, PAUSE_S = 100.0, 10.0
+"""Intervals, and seconds, from which on a pause is told."""
+SET_S = 1e8
+"""Three years."""
 LEGS, FEW = 8, 3
 """Legs of the way by which a speed is told, at most, and positions in the middle of which each ends."""
 
@@ -39,7 +43,11 @@ def span(columns: Columns) -> str:
 def intervals(columns: Columns) -> list[str]:
     """The median interval between steps, as a line; nothing of a single step."""
     gap = _interval_s(columns)
-    return [f"  time_s: median interval between steps {gap:.4g} s"] if gap > 0 else []
+    lines = [f"  time_s: median interval between steps {gap:.4g} s"] if gap > 0 else []
+    before, after, longest = _longest_pause(columns)
+    if gap > 0 and longest > max(PAUSE * gap, PAUSE_S):
+        lines.append(f"  time_s: {longest:.4g} s from step {before} to step {after}, with nothing between")
+    return lines
 
 
 def strides_line(step: NDArray[np.integer]) -> str | None:
@@ -68,6 +76,15 @@ def absurd_times(columns: Columns) -> list[Suspicion]:
         if latest > least:
             return [Suspicion("time_s", unit, _words(unit, factor), True, f"up to {latest:.4g}")]
     return []
+
+
+def set_clocks(columns: Columns) -> list[Suspicion]:
+    """A clock that counted from when it was switched on, and was set on the way."""
+    before, after, longest = _longest_pause(columns)
+    if longest < SET_S:
+        return []
+    words = f"a clock that was set on the way, {longest:.4g} s from step {before} to step {after}"
+    return [Suspicion("time_s", "leap", words, True, "nobody measures for years")]
 
 
 def slow_times(
@@ -124,11 +141,27 @@ def _latest_s(columns: Columns) -> float:
     return float(np.abs(time[np.isfinite(time)]).max(initial=0.0))
 
 
-def _interval_s(columns: Columns) -> float:
-    """Median time per step, 0 of a single one; times that aren't finite are somebody else's to refuse."""
+def _steps(columns: Columns) -> tuple[NDArray[np.integer], NDArray[np.float64]]:
+    """Steps and their times; times that aren't finite are somebody else's to refuse."""
     step, first = np.unique(columns["step"], return_index=True)
     time = columns["time_s"][first]
-    step, time = step[np.isfinite(time)], time[np.isfinite(time)]
+    return step[np.isfinite(time)], time[np.isfinite(time)]
+
+
+def _longest_pause(columns: Columns) -> tuple[int, int, float]:
+    """The two steps between which the longest time passes, and that, s; 0 without two."""
+    step, time = _steps(columns)
+    if len(step) < 2:
+        return 0, 0, 0.0
+    with np.errstate(over="ignore"):
+        way = np.diff(time)
+    row = int(np.argmax(way))
+    return int(step[row]), int(step[row + 1]), float(way[row])
+
+
+def _interval_s(columns: Columns) -> float:
+    """Median time per step, 0 of a single one."""
+    step, time = _steps(columns)
     if len(step) < 2:
         return 0.0
     with np.errstate(over="ignore"):

@@ -34,8 +34,8 @@ class Suspicion:
     column : str
     kind : str
         "padding", "missing", "case", "names", "offset", "slant", "rise", "milliseconds", "microseconds",
-        "fast", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres", "feet",
-        "round trip", "plan", "flipped", "mirrored", "world frame", "compass", "backwards", "swapped",
+        "fast", "leap", "degrees", "radians twice", "seconds", "nanoseconds", "millimetres", "centimetres",
+        "feet", "round trip", "plan", "flipped", "mirrored", "world frame", "compass", "backwards", "swapped",
         "turned", "place", "second device", "dB", "power", "level", "variances", "exact" or "beyond".
     text : str
         What it looks like and what to do.
