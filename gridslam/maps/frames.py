@@ -97,6 +97,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     found = dict(anchors_of(grid.provenance))
     learned = _learned(grid, scene)
     _require_same([one for one in found.items() if one[0] not in learned], places, where)
+    grid, surveyed = _surveyed(grid, {n: (found[n], places[n]) for n in found if n in learned}, where)
     named = {scene.frame} if scene.frame is not None else set()
     if same_frame:
         grid = grid if _linked(found, _names(grid.provenance), places, named) else assured(grid, scene)
@@ -108,6 +109,7 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
         raise InputError(error.where.replace("map", where, 1), error.found, error.allowed) from error
     unnamed = scene.frame is not None and not same_frame and not _names(grid.provenance)
     notes = [f"{where}: names no frame; taken for {scene.frame}, by its anchors"] if unnamed else []
+    notes += surveyed
     notes += [f"{where}: whoever made it was told the {grid.truth_given}"] if grid.truth_given else []
     if grid.lost:
         notes.append(f"{where}: {grid.lost} noticed in the end that it was lost, so nobody goes on from it")
@@ -134,6 +136,28 @@ def _learned(grid: Map, scene: Scene) -> set[str]:
             if (np.abs(off) < SAME_PLACE_M + FAR * spread).all():
                 near.add(name)
     return near
+
+
+def _surveyed(
+    grid: Map, moved: Mapping[str, tuple[tuple[float, float], tuple[float, float]]], where: str
+) -> tuple[Map, list[str]]:
+    """A map with its features' anchors where a scene has them, and notes on those that stand elsewhere.
+
+    Parameters
+    ----------
+    moved : dict of (place, place)
+        Where the map's maker and the scene have anchors, m.
+    """
+    notes, table = list[str](), grid.features
+    for name, (there, here) in moved.items():
+        off = float(np.hypot(*np.subtract(here, there)))
+        if off < SAME_PLACE_M:
+            continue
+        notes.append(f"{where}: its anchor {name} is the scene's, {off:.2g} m from where its maker was told")
+        if table is not None:
+            own = np.hypot(*(table.anchor_m - there).T) < SAME_PLACE_M
+            table = replace(table, anchor_m=np.where(own[:, None], here, table.anchor_m))
+    return (grid if table is grid.features else replace(grid, features=table)), notes
 
 
 def refuse_lost(maps: Sequence[Map], names: Sequence[str]) -> None:

@@ -82,7 +82,8 @@ def moved_map(known: Map, by: Array) -> Map:
         changes["surfaces"], slope = moved_surfaces(known.surfaces, by)
         whole = joint_of(slope)
         if known.surface_covariance is not None:
-            changes["surface_covariance"] = whole @ known.surface_covariance @ whole.T
+            joint = whole @ known.surface_covariance @ whole.T
+            changes["surface_covariance"] = 0.5 * (joint + joint.T)
     if known.anchors is not None:
         changes["anchors"] = known.anchors.moved(by, whole)
     if known.features is not None:

@@ -28,15 +28,15 @@ def map_anchors(state: State, found: NDArray[np.bool_], model: FilterModel) -> M
 
 
 def learned_anchors(prior: Map, model: FilterModel) -> Learned | None:
-    """How the model's anchors stand, as an earlier agent's map has it; None where it says nothing of them."""
-    if prior.anchors is None or prior.surfaces is None:
+    """How the model's anchors stand, as an earlier agent's map has it; None unless it knows all of them.
+
+    One that its maker didn't hear may have told its walls before, by an agent before that one.
+    """
+    told = prior.anchors
+    if told is None or prior.surfaces is None or not set(model.anchor_names) <= set(told.names):
         return None
-    told, ours = prior.anchors, list(model.anchor_names)
-    own = np.array([row for row, name in enumerate(told.names) if name in ours], np.intp)
-    if not len(own):
-        return None
-    rows = np.array([ours.index(told.names[row]) for row in own], np.intp)
-    entries = (PER_ANCHOR * own[:, None] + np.arange(PER_ANCHOR)).ravel()
-    aside = np.column_stack([told.position_m, told.orientation_rad])[own] - model.anchors[rows]
+    own = [told.names.index(name) for name in model.anchor_names]
+    entries = np.add.outer(PER_ANCHOR * np.array(own), np.arange(PER_ANCHOR)).ravel()
+    aside = np.column_stack([told.position_m, told.orientation_rad])[own] - model.anchors[: model.senders]
     aside[:, 2] = wrap(aside[:, 2])
-    return Learned(rows, aside, told.covariance[np.ix_(entries, entries)], told.cross[entries])
+    return Learned(aside, told.covariance[np.ix_(entries, entries)], told.cross[entries])

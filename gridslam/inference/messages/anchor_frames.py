@@ -30,12 +30,12 @@ def with_mountings(
     """
     if state.samples is not None or not model.settings.correlated:
         return state
+    if learned is not None:
+        belief, handed = Mountings.handed(model, state.belief, learned)
+        return replace(state, belief=belief, mountings=handed)
     mountings = Mountings.start(model, len(state.belief.mean))
     if mountings is None:
         return state
-    if learned is not None:
-        belief, mountings = Mountings.handed(model, state.belief, learned)
-        return replace(state, belief=belief, mountings=mountings)
     state = replace(state, mountings=mountings)
     if heard:
         layout = state.belief.layout

@@ -12,8 +12,9 @@ from gridslam.inference.beliefs.layout import AGENT, HEADING
 from gridslam.inference.state.network.belief import NetworkBelief
 from gridslam.world.filter_model import FilterModel
 
-FARTHER = 10.0
-"""Spread of a position, in diagonals of the region, beyond which it says nothing of a place in there."""
+FARTHER, BLIND = 10.0, 1e4
+"""Spread of a position, in diagonals of the region, beyond which it says nothing of a place in there; of
+radios that measure no angles, with which an agent isn't found anew: as far as covariances stay sound."""
 
 Joint = TypeVar("Joint", Belief, NetworkBelief)
 
@@ -26,7 +27,8 @@ def anywhere(belief: Joint, model: FilterModel, agent: int = 0) -> Joint:
     """
     own = belief.layout.pose(agent)
     side = np.array(model.grid.shape[::-1]) * model.grid.cell_m
-    if np.trace(belief.covariance[own, own][:2, :2]) < FARTHER**2 * (side @ side):
+    most = FARTHER if {"aod", "aoa"} & set(model.radio.measures) else BLIND
+    if np.trace(belief.covariance[own, own][:2, :2]) < most**2 * (side @ side):
         return belief
     mean, covariance = belief.mean.copy(), belief.covariance.copy()
     place, speed = slice(own.start, own.start + 2), slice(own.start + 2, own.start + 4)

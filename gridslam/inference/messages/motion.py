@@ -14,6 +14,7 @@ from gridslam.inference.beliefs.layout import AGENT
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.anywhere import anywhere
 from gridslam.inference.state import surface_bank
+from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
@@ -66,7 +67,10 @@ def predict(state: State, time_s: float, scan_size: int, model: FilterModel) -> 
         time_s=time_s,
     )
     free = anywhere(joint, model)
-    return moved if free is joint else moved.placed(free)
+    if free is joint:
+        return moved
+    rings = None if moved.rings is None else Rings.empty()  # they hang on where the agent was
+    return replace(moved.placed(free), rings=rings)
 
 
 def predict_agent(joint: Belief, elapsed_s: float, settings: FilterSettings) -> Belief:

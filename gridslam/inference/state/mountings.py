@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from gridslam.arrays import Array
@@ -24,24 +23,21 @@ from gridslam.world.geometry import unit, wrap
 
 PER_ANCHOR = 3
 """Entries of an anchor: how far it stands aside of where it is told to, dx, dy (m), and its turn (rad)."""
-ROUNDING = 1e-10
-"""Of correlations."""
+ROUNDING, FEW = 1e-10, 10.0
+"""Of correlations, and how many of it may add up."""
 
 
 class Learned(NamedTuple):
-    """How A anchors stand, as an earlier agent learned it with its map's lines.
+    """How the scene's anchors stand, as an earlier agent learned it with its map's lines.
 
     Attributes
     ----------
-    rows : (A,) int
-        Which of the scene's they are.
-    aside : (A, 3) float64
+    aside : (J, 3) float64
         dx, dy (m) and turn (rad) against the scene.
-    covariance, cross : (3 A, 3 A), (3 A, 2 S) float64
+    covariance, cross : (3 J, 3 J), (3 J, 2 S) float64
         In the scene: with what isn't known of a turn of all.
     """
 
-    rows: NDArray[np.intp]
     aside: Array
     covariance: Array
     cross: Array
@@ -75,41 +71,47 @@ class Mountings:
         variance, together, pivot, all_turn = _as_told(model)
         if not variance.any():
             return None
-        covariance = np.diag(variance) - all_turn * np.outer(together, together)
+        covariance = _settled(np.diag(variance) - all_turn * np.outer(together, together), variance)
         return cls(np.zeros(len(variance)), covariance, np.zeros((len(variance), size)), pivot, all_turn)
 
     @classmethod
-    def handed(cls, model: FilterModel, belief: Belief, learned: Learned) -> tuple[Belief, Self]:
+    def handed(cls, model: FilterModel, belief: Belief, learned: Learned) -> tuple[Belief, Self | None]:
         """As an earlier agent's map has anchors and its lines, which `belief` holds already.
 
-        What is told in the scene instead, the agent's start and anchors that the map doesn't know, may be
-        turned against that by as much as all may turn together. Some anchor's deviation is told.
+        Where the scene tells an anchor better than that, it counts as well. The agent's start, told in the
+        scene, may be turned against the rest by as much as all may turn together. None where the scene leaves
+        nothing open.
         """
         variance, together, pivot, all_turn = _as_told(model)
         size, head = len(variance), belief.layout.head
-        known = (PER_ANCHOR * learned.rows[:, None] + np.arange(PER_ANCHOR)).ravel()
-        lines = size + np.arange(head, belief.layout.size)
-        mean, joint = np.zeros(size), np.zeros((size + belief.layout.size,) * 2)
-        mean[known] = np.where(variance[known] > 0, learned.aside.ravel(), 0.0)
-        joint[np.arange(size), np.arange(size)] = variance
-        joint[np.ix_(known, known)] = learned.covariance
-        joint[np.ix_(known, lines)], joint[np.ix_(lines, known)] = learned.cross, learned.cross.T
-        sure = np.flatnonzero(variance == 0)
-        joint[sure], joint[:, sure] = 0.0, 0.0
+        mean = np.concatenate([learned.aside.ravel(), belief.mean])
+        joint = np.zeros((len(mean), len(mean)))
+        joint[:size, :size] = learned.covariance
+        joint[:size, size + head :], joint[size + head :, :size] = learned.cross, learned.cross.T
         joint[size:, size:] = belief.covariance
-        way = np.concatenate([together, direction(belief, pivot)])
-        heard = np.concatenate([known[variance[known] > 0], lines])
+        told = np.square(model.mounting_std[:, [0, 0, 1]]).ravel()
+        counts = np.tile([True, True, model.radio.departs], model.senders)
+        for entry in np.flatnonzero(counts):
+            mean, joint = _at_least_as_sure(mean, joint, int(entry), float(told[entry]))
+        known = np.flatnonzero(~counts | (told == 0))
+        mean[known], joint[known], joint[:, known] = 0.0, 0.0, 0.0
+        belief = replace(belief, mean=mean[size:], covariance=np.ascontiguousarray(joint[size:, size:]))
+        if not variance.any():
+            return belief, None
+        way, before = np.concatenate([together, direction(belief, pivot)]), joint.diagonal().copy()
+        heard = np.concatenate([np.flatnonzero(variance), np.arange(size + head, len(mean))])
         if all_turn:
             all_turn = _removable(joint[np.ix_(heard, heard)], way[heard])
             # about an only anchor walls are turned, not the start: one so wide would be searched for
-            told = np.setdiff1d(np.arange(len(way)), heard) if model.senders > 1 else lines
+            of_start = np.arange(size, size + head) if model.senders > 1 else heard[heard >= size]
             within, against = np.zeros_like(way), np.zeros_like(way)
-            within[heard], against[told] = way[heard], way[told]
+            within[heard], against[of_start] = way[heard], way[of_start]
             joint += all_turn * (np.outer(against, against) - np.outer(within, within))
+        joint = _settled(joint, before)
         own, cross, rest = map(
             np.ascontiguousarray, (joint[:size, :size], joint[:size, size:], joint[size:, size:])
         )
-        return replace(belief, covariance=rest), cls(mean, own, cross, pivot, all_turn)
+        return replace(belief, covariance=rest), cls(mean[:size].copy(), own, cross, pivot, all_turn)
 
     @property
     def aside(self) -> Array:
@@ -222,7 +224,28 @@ def _removable(covariance: Array, way: Array) -> float:
         return 0.0
     own = covariance[np.ix_(moved, moved)] / np.outer(scale[moved], scale[moved])
     root = np.linalg.cholesky(own + ROUNDING * np.eye(len(own)))
-    return float(1 / np.square(solve_triangular(root, way[moved] / scale[moved], lower=True)).sum())
+    most = 1 / np.square(solve_triangular(root, way[moved] / scale[moved], lower=True)).sum()
+    return float(most * (1 - FEW * ROUNDING))
+
+
+def _at_least_as_sure(mean: Array, joint: Array, entry: int, variance: float) -> tuple[Array, Array]:
+    """Mean (N,) and covariance (N, N), where an entry is told to be 0 with a variance.
+
+    What is told counts by so much that the entry gets as sure as that; nothing where it is already.
+    """
+    own = float(joint[entry, entry])
+    if variance >= own:
+        return mean, joint
+    gain = joint[:, entry] * ((own - variance) / own**2)
+    return mean - gain * mean[entry], joint - np.outer(gain, joint[entry])
+
+
+def _settled(covariance: Array, before: Array) -> Array:
+    """A covariance (N, N) without what rounding left of variances (N,) that all went."""
+    gone = covariance.diagonal() <= FEW * ROUNDING * before
+    settled = covariance.copy()
+    settled[gone], settled[:, gone] = 0.0, 0.0
+    return settled
 
 
 def common_turn(place: Array, place_std: Array, turn_std: Array) -> tuple[Array, Array, float]:

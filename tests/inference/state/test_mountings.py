@@ -211,27 +211,33 @@ def after_a_run(own, seed=8):
     return replace(belief, covariance=left[count:, count:]), mountings
 
 
-def handed(own, belief, mountings, rows):
+def handed(own, belief, mountings, told=None):
     """What the next agent begins with, by the map of one that is through; its lines alone are handed over."""
     turned = mountings.turn_variance * np.outer(way := direction(belief, mountings.pivot), way)
     whole = replace(belief, covariance=belief.covariance + turned)
     covariance, cross = mountings.jointly(whole, own)
-    entries = np.add.outer(3 * np.array(rows), np.arange(3)).ravel()
     begun = np.zeros((9, 9))
     begun[:5, :5], begun[5:, 5:] = 0.01 * np.eye(5), whole.covariance[5:, 5:]
-    learned = Learned(
-        np.array(rows), mountings.aside[rows], covariance[np.ix_(entries, entries)], cross[entries][:, 5:]
-    )
-    return Mountings.handed(own, replace(belief, covariance=begun), learned)
+    learned = Learned(mountings.aside, covariance, cross[:, 5:])
+    return Mountings.handed(told or own, replace(belief, covariance=begun), learned)
+
+
+def scaled_least(*parts):
+    """The least eigenvalue of a joint correlation matrix."""
+    joint = np.block([[parts[0], parts[1]], [parts[1].T, parts[2]]])
+    scale = np.sqrt(np.diag(joint))
+    some = scale > 0
+    return np.linalg.eigvalsh((joint / np.outer(scale + ~some, scale + ~some))[np.ix_(some, some)]).min()
 
 
 def test_the_next_agent_goes_on_where_the_first_one_ended():
     """Anchors and walls against each other as before; a start that is told may be turned against them."""
     own = model()
     belief, mountings = after_a_run(own)
-    begun, again = handed(own, belief, mountings, [0, 1, 2])
+    begun, again = handed(own, belief, mountings)
     assert again.turn_variance == pytest.approx(mountings.turn_variance, rel=1e-6)
     np.testing.assert_array_equal(again.mean, mountings.mean)
+    np.testing.assert_array_equal(begun.mean, belief.mean)
     np.testing.assert_allclose(again.covariance, mountings.covariance, atol=1e-9)
     np.testing.assert_allclose(again.cross[:, 5:], mountings.cross[:, 5:], atol=1e-9)
     np.testing.assert_allclose(begun.covariance[5:, 5:], belief.covariance[5:, 5:], atol=1e-8)
@@ -241,56 +247,74 @@ def test_the_next_agent_goes_on_where_the_first_one_ended():
     way = direction(begun, again.pivot)[:5]
     turned = 0.01 * np.eye(5) + again.turn_variance * np.outer(way, way)
     np.testing.assert_allclose(begun.covariance[:5, :5], turned, atol=1e-9)
-
-
-def test_an_anchor_that_the_map_does_not_know_stands_as_is_told():
-    own = model()
-    belief, mountings = after_a_run(own)
-    begun, again = handed(own, belief, mountings, [2, 0])
-    np.testing.assert_array_equal(again.mean[ROWS], 0)
-    np.testing.assert_array_equal(again.aside[[0, 2]], mountings.aside[[0, 2]])
-    # told in the scene, as the agent's start is: both may be turned by the same against what was learned
-    x, y = PLACES[1, :2] - again.pivot
-    together = np.array([-y, x, 1.0])
-    expected = np.diag([0.01, 0.01, 0.0025]) + again.turn_variance * np.outer(together, together)
-    np.testing.assert_allclose(again.covariance[ROWS, ROWS], expected, atol=1e-9)
-    way = direction(begun, again.pivot)[:5]
-    np.testing.assert_allclose(
-        again.cross[ROWS, :5], again.turn_variance * np.outer(together, way), atol=1e-9
-    )
-    assert not again.cross[ROWS, 5:].any()
-    assert again.turn_variance >= mountings.turn_variance
-    joint = np.block([[again.covariance, again.cross], [again.cross.T, begun.covariance]])
-    scale = np.sqrt(np.diag(joint))
-    assert np.linalg.eigvalsh(joint / np.outer(scale, scale)).min() > -1e-9
+    assert scaled_least(again.covariance, again.cross, begun.covariance) > -1e-9
 
 
 def test_about_an_only_anchor_walls_may_be_turned_and_the_start_is_as_told():
     own = model(anchors=PLACES[:1])
     belief, mountings = after_a_run(own)
-    begun, again = handed(own, belief, mountings, [0])
+    begun, again = handed(own, belief, mountings)
     assert again.turn_variance == pytest.approx(0.05**2, rel=1e-6)
     np.testing.assert_allclose(again.covariance, mountings.covariance, atol=1e-9)
     np.testing.assert_array_equal(begun.covariance[:5, :5], 0.01 * np.eye(5))
     way = direction(begun, again.pivot)[5:]
     turned = belief.covariance[5:, 5:] + 0.05**2 * np.outer(way, way)
     np.testing.assert_allclose(begun.covariance[5:, 5:], turned, atol=1e-8)
+    # its turn is that of all: nothing is left of it, not even of rounding
+    for one in (again, Mountings.start(own, 9)):
+        assert one.covariance[2, 2] == 0
+        assert not one.cross[2].any()
 
 
-def test_what_is_known_by_now_is_taken_as_told():
-    """Orientations that the next scene knows: neither turned nor anything of a turn of all."""
+def test_what_the_next_scene_tells_better_counts_until_it_is_as_sure_as_told():
+    """An anchor that was surveyed since takes along what hangs on it; what is told worse does not count."""
+    own = model()
+    belief, mountings = after_a_run(own)
+    told = own.mounting_std.copy()
+    told[1] = 0.005, 0.001
+    told[2] = 0.3, 0.2
+    begun, again = handed(own, belief, mountings, replace(own, mounting_std=told))
+    std = again.in_scene(replace(own, mounting_std=told))
+    assert (std[1] <= [0.00501, 0.00501, 0.00101]).all()
+    assert (std[2] <= np.sqrt(np.diag(mountings.jointly(belief, own)[0]))[6:] + 1e-9).all()
+    assert np.abs(again.aside[1]).max() < 1e-3 < np.abs(mountings.aside[1]).max()
+    assert np.trace(begun.covariance[5:, 5:]) < np.trace(belief.covariance[5:, 5:])
+    assert np.abs(begun.mean[5:] - belief.mean[5:]).max() > 1e-3
+    # as Kalman's formula has it, of one entry alone
+    one = np.zeros_like(own.mounting_std) + 9.0
+    one[0, 1], measured = 0.01, replace(own, mounting_std=one)
+    joint = mountings.jointly(belief, own)[0]
+    begun, again = handed(own, belief, mountings, measured)
+    share = (1 - 0.01**2 / joint[2, 2]) / joint[2, 2]
+    expected = mountings.mean - share * mountings.mean[2] * joint[:, 2]
+    np.testing.assert_allclose(again.mean, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("tiny", [0.0, 1e-9])
+def test_what_is_known_by_now_is_taken_as_told(tiny):
+    """Orientations that the next scene knows: neither turned nor anything of a turn of all; or all of it."""
     belief, mountings = after_a_run(model())
-    known = model(turn=0.0)
-    learned = Learned(np.arange(3), mountings.aside, *mountings.jointly(belief, model()))
-    learned = learned._replace(cross=learned.cross[:, 5:])
-    _, again = Mountings.handed(known, belief, learned)
-    assert again.turn_variance == 0
-    assert not again.aside[:, 2].any()
+    begun, again = handed(model(), belief, mountings, model(turn=tiny))
+    np.testing.assert_allclose(again.aside[:, 2], 0, atol=1e-8)
+    np.testing.assert_allclose(again.covariance[2::3], 0, atol=1e-8)
+    assert again.turn_variance < 1e-15
+    assert scaled_least(again.covariance, again.cross, begun.covariance) > -1e-6
+    walls, none = handed(model(), belief, mountings, model(place=0.0, turn=0.0))
+    assert none is None
+    assert np.trace(walls.covariance[5:, 5:]) < np.trace(begun.covariance[5:, 5:])
+
+
+def test_of_radios_without_departures_turns_are_as_told_in_the_map_and_count_for_nothing_in_the_next_one():
+    own = model()
+    silent = replace(own, radio=replace(own.radio, measures=("distance", "aoa")))
+    belief, mountings = after_a_run(silent)
+    covariance, cross = mountings.jointly(belief, silent)
+    np.testing.assert_allclose(np.diag(covariance)[2::3], 0.05**2)
+    assert not cross[2::3].any()
+    begun, again = handed(own, *after_a_run(own), silent)
     assert not again.covariance[2::3].any()
-    places = np.flatnonzero(np.arange(9) % 3 < 2)
-    np.testing.assert_array_equal(
-        again.covariance[np.ix_(places, places)], learned.covariance[np.ix_(places, places)]
-    )
+    assert not again.cross[2::3].any()
+    assert scaled_least(again.covariance, again.cross, begun.covariance) > -1e-9
 
 
 def test_who_is_found_by_anchors_is_off_by_what_they_have_in_common():

@@ -78,7 +78,9 @@ def recover_pose(
         return replace(state, monitor=state.monitor.still_lost()) if lost else state
     monitor = state.monitor.found_again() if lost else state.monitor
     monitor = monitor.leapt(leap(belief, fix.pose, blurred(fix.covariance)))
-    after = moved(belief, fix, float(model.start_variance[2]))
+    # anchors that aren't where they are told lead a fix astray: a belief that is as good as none isn't asked
+    afresh = vague and state.mountings is not None
+    after = moved(belief, fix, float(model.start_variance[2]), afresh)
     state = replace(unweighed(state) if lost else state, monitor=monitor)
     if not after.covariance[:AGENT, AGENT:].any():  # put elsewhere
         return state.placed(after)
@@ -140,19 +142,21 @@ def freed(belief: Belief, elapsed: float, acceleration: float) -> Belief:
     return replace(belief, covariance=covariance)
 
 
-def moved(belief: Belief, fix: Fix, velocity: float) -> Belief:
+def moved(belief: Belief, fix: Fix, velocity: float, afresh: bool = False) -> Belief:
     """The belief with the agent at the fix; widened, since the scan is used once more in the step.
 
     Parameters
     ----------
     velocity : float
         Variance of each component (m^2/s^2) where the fix is too far off for the motion to lead there.
+    afresh : bool
+        Whether the motion doesn't count anyhow.
     """
     wide = blurred(fix.covariance)
     gap = fix.pose - belief.mean[POSE]
     gap[2] = wrap(gap[2])
     own = belief.covariance[OF_POSE] + wide
-    if gap @ np.linalg.solve(own, gap) < TOO_FAR**2:
+    if not afresh and gap @ np.linalg.solve(own, gap) < TOO_FAR**2:
         select = np.zeros((3, len(belief.mean)))
         select[range(3), POSE] = 1.0
         gain = belief.covariance @ select.T @ np.linalg.inv(own)
