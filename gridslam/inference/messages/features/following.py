@@ -12,18 +12,17 @@ from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.arrivals import DEVIATIONS, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.joint_update import SIGHTED, predict
+from gridslam.inference.messages.features.found_again import elsewhere, update_anywhere
+from gridslam.inference.messages.features.joint_update import SIGHTED
 from gridslam.inference.messages.features.path_products import LEAST_M
-from gridslam.inference.messages.features.readings import update_by_readings
 from gridslam.inference.messages.features.sight import Moments
+from gridslam.inference.messages.features.silences import carried
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief
 from gridslam.inference.workspace.workspace import StageClock, timed
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
-LEAP_M, LEAP = 0.5, 5.0
-"""How far, in m and in its deviations, an agent has to be moved for its place before to have been wrong."""
 START_STEPS = 10
 """For which particles look for the agent; then the joint belief goes through them again."""
 
@@ -84,7 +83,7 @@ def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: i
     if state.particles is not None:
         cloud = sight.predict_particles(state.particles, seconds, jolt, seed, state.step)
         return replace(state, particles=cloud, time_s=time_s)
-    return replace(state, joint=predict(state.joint, seconds, jolt), time_s=time_s)
+    return replace(state, joint=carried(state.joint, seconds, model), time_s=time_s)
 
 
 @timed("follow")
@@ -111,7 +110,7 @@ def follow_jointly(
     state: HybridState, received: StepSamples, model: SignalModel, *, work: FeatureWork
 ) -> tuple[HybridState, Moments]:
     """The joint belief after the samples, (M126)-(M130), beside paths that nobody knows yet, (M526)."""
-    joint, evidence = update_by_readings(
+    joint, evidence = update_anywhere(
         state.joint, received.samples, received.heard, received.heading_rad, model, state.step
     )
     moments = Moments(joint.mean[:MOVING], joint.agent_covariance, evidence, np.inf)
@@ -127,19 +126,18 @@ def leapt(state: HybridState, before: JointBelief, after: JointBelief, since: in
         Steps since then: -1 within a step that `count_step` hasn't counted yet.
     """
     shift = after.mean[:2] - before.mean[:2]
-    squared = float(shift @ np.linalg.solve(before.agent_covariance[:2, :2], shift))
-    far = float(np.hypot(*shift))
-    if far < LEAP_M or squared < LEAP**2:
+    if not elsewhere(shift, before.agent_covariance[:2, :2]):
         return state
-    return replace(state, leap_m=far, since_leap=since)
+    return replace(state, leap_m=float(np.hypot(*shift)), since_leap=since)
 
 
 def remember(state: HybridState, received: StepSamples, moments: Moments) -> HybridState:
-    """The segment with this step."""
+    """The segment with this step; an agent astray can't say from where it was heard, nor learn of it."""
     assert state.time_s is not None
+    used = not state.joint.astray
     segment = state.segment.add(
-        state.time_s, received.heading_rad, received.heard, received.samples, moments.mean,
-        moments.log_evidence,
+        state.time_s, received.heading_rad, received.heard & used, received.samples, moments.mean,
+        moments.log_evidence * used,
     )  # fmt: skip
     return replace(state, segment=segment)
 

@@ -17,10 +17,10 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.features.arrivals import COST, Arrivals, arrivals_of, contradictions
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.following import START_STEPS
-from gridslam.inference.messages.features.joint_update import predict
+from gridslam.inference.messages.features.found_again import update_anywhere
 from gridslam.inference.messages.features.proposals import surveys, with_proposals
-from gridslam.inference.messages.features.readings import update_by_readings
 from gridslam.inference.messages.features.seeding import LEAST_GAIN
+from gridslam.inference.messages.features.silences import carried
 from gridslam.inference.messages.features.strangers import update_beside_strangers
 from gridslam.inference.messages.features.ways import apart, drifted, moved_starts, spread_m
 from gridslam.inference.state.features.features import ENTRIES, MOVING
@@ -210,7 +210,7 @@ class Lesson:
         """From a way's first place to where the agent is predicted to be then, (2,) m."""
         begun = self.before
         if self.before_s is not None:
-            begun = predict(begun, way.time_s[0] - self.before_s, self.model.settings.acceleration_mps2)
+            begun = carried(begun, way.time_s[0] - self.before_s, self.model)
         gap: Array = begun.mean[:2] - way.agent[0, :2]
         return gap
 
@@ -334,12 +334,13 @@ def replay(
     evidence, earlier, track = np.zeros(len(segment)), before_s, np.zeros((len(segment), MOVING))
     for k in range(len(segment)):
         if earlier is not None:
-            belief = predict(belief, segment.time_s[k] - earlier, model.settings.acceleration_mps2)
+            belief = carried(belief, segment.time_s[k] - earlier, model)
         got = segment.samples[k], segment.heard[k], segment.heading_rad[k], model, first_step + k
-        if led:
+        if led and segment.heard[k].any():
+            belief = replace(belief, astray=False)  # the way leads where it was found
             belief, evidence[k] = update_beside_strangers(belief, *got, segment.agent[k])
         else:
-            belief, evidence[k] = update_by_readings(belief, *got)
+            belief, evidence[k] = update_anywhere(belief, *got)
         earlier, track[k] = float(segment.time_s[k]), belief.mean[:MOVING]
         if least is not None and evidence[: k + 1].sum() < least[k]:
             evidence[k] = -np.inf

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.features.joint_update import predict
+from gridslam.inference.messages.features.silences import carried
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import JointBelief, Segment
 from gridslam.world.signal_model import SignalModel
@@ -29,7 +29,7 @@ def drifted(belief: JointBelief, segment: Segment, before_s: float | None, model
     agent, earlier = belief.keep(np.zeros(len(belief.features), bool)), before_s
     for time_s in segment.time_s[: len(segment) // 2]:
         if earlier is not None:
-            agent = predict(agent, time_s - earlier, model.settings.acceleration_mps2)
+            agent = carried(agent, time_s - earlier, model)
         earlier = float(time_s)
     return spread_m(agent)
 

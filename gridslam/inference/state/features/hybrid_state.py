@@ -53,6 +53,8 @@ class JointBelief:
         `joint_update.TURNS_RAD`.
     sightings : Sightings
         From where features and lines of sight were heard.
+    astray : bool
+        Whether the agent became vague in a silence, and hasn't been found since; see `messages.features.silences`.
     """
 
     mean: Array
@@ -63,6 +65,7 @@ class JointBelief:
     noise: Array
     extent: float = field(default=0.0, metadata={"later": True})
     sightings: Sightings = field(default_factory=Sightings.none, metadata={"later": True})
+    astray: bool = field(default=False, metadata={"later": True})
 
     @property
     def agent_covariance(self) -> Array:
