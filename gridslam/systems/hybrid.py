@@ -68,12 +68,12 @@ def step(
     """One step, as the list of its messages ([HybridSlam], sections III to VI)."""
     work.begin()
     received = step_samples(scan, model)
-    state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23); (M133)
+    state = predict_agent(state, scan.time_s, model, work.seed, True)  # eqs. (19)-(23); (M133), (M571)
     if state.step < SETTLED:
         # eqs. (24)-(32); (M134) to (M136), and (M452), which tells a line of sight from other paths
         state, moments = follow_by_particles(state, received, model, bounded=True, work=work)
     else:
-        state, moments = follow_jointly(state, received, model, work=work)  # (M126) to (M131), (M526)
+        state, moments = follow_jointly(state, received, model, work=work)  # (M126) to (M131), (M526), (M572)
     state = remember(state, received, moments)
     state = count_step(state, received, moments, work.front, model)  # (M451)
     state, learned = apply_lesson(state, model, work=work)  # eq. (43); (M132), (M137)

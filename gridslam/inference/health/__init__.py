@@ -6,7 +6,8 @@ Sentences stand in `reasons`. Numbers are those of docs/model.md.
 reason              said when                                   by                               formula
 ==================  ==========================================  ===============================  ============
 `silent`            nothing was heard for 5 steps               all monitors                     section 9
-`vague`             the position is known to 1 m or worse       all monitors                     section 9
+`vague`             the position is known to 1 m or worse; an   all monitors                     section 9,
+                    agent wasn't found since a silence                                           (M572)
 `unchecked`         the position is known to 0.3 m or        `monitor.HealthMonitor.assess`   section 9
                     worse, and of late (some ten steps) fewer
                     than 4 measurements were too loud for

@@ -113,6 +113,7 @@ class SignalWatch:
 def assess_particles(
     spread_m: float, effective: float, silent: int, early: float, anchors: int, by_particles: bool,
     unsighted: bool = False, leap: tuple[float, int] = (0.0, DISTRUSTED), turnable: bool = False,
+    astray: bool = False,
 ) -> Health:  # fmt: skip
     """Whether hybrid SLAM still knows its agent.
 
@@ -132,11 +133,13 @@ def assess_particles(
         By how far it was moved last as no motion does, and how many steps ago.
     turnable : bool
         Whether features are known, of antennas without directions, and one anchor at most was in sight.
+    astray : bool
+        Whether it hasn't been found since a silence.
     """
     found = []
     if silent >= SILENT:
         found.append(reasons.silent(silent))
-    if spread_m > VAGUE_M:
+    if astray or spread_m > VAGUE_M:
         found.append(reasons.vague(spread_m))
     if by_particles and effective < FEW:
         found.append(reasons.few_particles(effective))

@@ -87,6 +87,7 @@ def conclude(
     health = assess_particles(
         spread_m, moments.effective, state.silent, state.early, len(existence), cloud is not None,
         unsighted, (state.leap_m, state.since_leap), turnable=bool(alone and len(joint.features)),
+        astray=joint.astray,
     )  # fmt: skip
     return HybridInfo(
         moments.mean, moments.covariance, heading_rad, model.waveform.heading_std_rad**2, existence, power,

@@ -12,8 +12,9 @@ from gridslam.inference.beliefs.calibration import KEEP
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.arrivals import DEVIATIONS, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front
-from gridslam.inference.messages.features.found_again import elsewhere, update_anywhere
+from gridslam.inference.messages.features.found_again import LEAP, LEAP_M, update_anywhere
 from gridslam.inference.messages.features.joint_update import SIGHTED
+from gridslam.inference.messages.features.particles_astray import carried_particles, follow_astray
 from gridslam.inference.messages.features.path_products import LEAST_M
 from gridslam.inference.messages.features.sight import Moments
 from gridslam.inference.messages.features.silences import carried
@@ -75,14 +76,22 @@ def step_samples(scan: SignalScan, model: SignalModel) -> StepSamples:
     return StepSamples(scan.samples[:, 0], scan.heard, heading)
 
 
-def predict_agent(state: HybridState, time_s: float, model: SignalModel, seed: int) -> HybridState:
-    """The belief at the time of a scan, (M133); at the first step nothing has moved yet."""
+def predict_agent(
+    state: HybridState, time_s: float, model: SignalModel, seed: int, bounded: bool = False
+) -> HybridState:
+    """The belief at the time of a scan, (M133); at the first step nothing has moved yet.
+
+    Parameters
+    ----------
+    bounded : bool
+        Whether particles stay in the region over a silence, (M571); those of references don't.
+    """
     if state.time_s is None:
         return replace(state, time_s=time_s)
-    seconds, jolt = time_s - state.time_s, model.settings.acceleration_mps2
+    seconds = time_s - state.time_s
     if state.particles is not None:
-        cloud = sight.predict_particles(state.particles, seconds, jolt, seed, state.step)
-        return replace(state, particles=cloud, time_s=time_s)
+        state = carried_particles(state, seconds, model, seed, bounded)
+        return replace(state, time_s=time_s)
     return replace(state, joint=carried(state.joint, seconds, model), time_s=time_s)
 
 
@@ -92,6 +101,8 @@ def follow_by_particles(
 ) -> tuple[HybridState, Moments]:
     """Particles of agent and noise after the samples, (M134)-(M136), see `sight.update_particles`."""
     front, seed, samples, heard = work.front, work.seed, received.samples, received.heard
+    if state.joint.astray and heard.any():
+        return follow_astray(state, samples, heard, received.heading_rad, model, seed)
     tables = [front.tables(z[None]) for z in samples]
     cloud = state.particles
     if cloud is None:
@@ -126,9 +137,11 @@ def leapt(state: HybridState, before: JointBelief, after: JointBelief, since: in
         Steps since then: -1 within a step that `count_step` hasn't counted yet.
     """
     shift = after.mean[:2] - before.mean[:2]
-    if not elsewhere(shift, before.agent_covariance[:2, :2]):
+    squared = float(shift @ np.linalg.solve(before.agent_covariance[:2, :2], shift))
+    far = float(np.hypot(*shift))
+    if far < LEAP_M or squared < LEAP**2:
         return state
-    return replace(state, leap_m=float(np.hypot(*shift)), since_leap=since)
+    return replace(state, leap_m=far, since_leap=since)
 
 
 def remember(state: HybridState, received: StepSamples, moments: Moments) -> HybridState:

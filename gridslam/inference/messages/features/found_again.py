@@ -1,7 +1,7 @@
 """An agent that is looked for after a silence, wherever in the region it may be; docs/model.md, (M572).
 
-One snapshot tells where it was taken if nowhere else explains it as well. Else it tells nothing: a belief that
-is vague and follows what is likeliest near by is soon sure of a wrong place.
+One snapshot tells where it was taken if nowhere else explains it as well. Else it tells nothing: a vague
+belief that follows what is likeliest near by is soon sure of a wrong place.
 """
 
 from __future__ import annotations
@@ -35,12 +35,6 @@ FAR = 4.0
 """Deviations of the agent's place within which it is looked for."""
 
 
-def elsewhere(shift_m: Array, covariance: Array) -> bool:
-    """Whether a place is so far (2,) from one with a covariance (2, 2) that it isn't the same, (M529)."""
-    squared = float(shift_m @ np.linalg.solve(covariance, shift_m))
-    return bool(np.hypot(*shift_m) >= LEAP_M and squared >= LEAP**2)
-
-
 def update_anywhere(
     belief: JointBelief, samples: Complex, audible: NDArray[np.bool_], heading_rad: float, model: SignalModel,
     step: int,
@@ -55,15 +49,16 @@ def update_anywhere(
     sought = Sought.of(belief, samples, audible, heading_rad, model)
     places = region_places(model)
     prior = sought.prior(places)
-    near = prior > max(-0.5 * FAR**2, prior.max() - 1)
+    near = prior > min(-0.5 * FAR**2, prior.max() - 1)
     nats = prior[near] + sought.explained(places[near])
     best, *others = sought.nearer(likeliest(places[near], nats))
     start = np.append(best.place, belief.mean[2:MOVING])
     after, evidence, _ = beside_strangers(belief, samples, audible, heading_rad, model, step, start)
-    at, spread = after.mean[:2], after.agent_covariance[:2, :2]
-    rivals = [one.nats for one in others if elsewhere(one.place - at, spread)]
-    alone = best.nats - max(rivals, default=-np.inf) > COST and not elsewhere(best.place - at, spread)
-    if alone and np.trace(spread) < VAGUE_M**2:
+    own = np.linalg.eigvalsh(after.agent_covariance[:2, :2])
+    reach = max(LEAP_M, LEAP * np.sqrt(own[-1]))  # along a circle about an anchor, which bends
+    rivals = [one.nats for one in others if one.off(after.mean[:2]) > reach]
+    alone = best.nats - max(rivals, default=-np.inf) > COST and best.off(after.mean[:2]) < reach
+    if alone and own.sum() < VAGUE_M**2:
         return replace(after, astray=False), evidence
     return belief, float(np.logaddexp.reduce(nats) - np.logaddexp.reduce(prior[near]))
 
@@ -73,6 +68,10 @@ class Candidate(NamedTuple):
 
     place: Array
     nats: float
+
+    def off(self, place: Array) -> float:
+        """How far (m) it is from another."""
+        return float(np.hypot(*(self.place - place)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
-"""Where an agent may be after a silence: anywhere in the region that its motion leads to; docs/model.md, (M571).
+"""Where an agent may be after a silence: where in the region its motion leads; docs/model.md, (M571).
 
-Between two snapshots the agent has one acceleration. Over a long time that is no motion: it would lead far out
-of the region, and tell the speed by the place.
+Between two snapshots the agent has one acceleration. Over a long time that is no motion: it would lead far
+out of the region, and tell the speed by the place.
 """
 
 from __future__ import annotations
@@ -22,10 +22,14 @@ from gridslam.world.signal_model import SignalModel
 
 def carried(belief: JointBelief, seconds: float, model: SignalModel) -> JointBelief:
     """The belief so many seconds later, within the region if it is vague by then."""
-    push = model.settings.acceleration_mps2
-    after = predict(belief, seconds, push)
-    long = np.sqrt(2) * 0.5 * push * seconds**2 > VAGUE_M
-    return _within(after, model) if long or belief.astray and _beyond(after, model) else after
+    after = predict(belief, seconds, model.settings.acceleration_mps2)
+    wide = lasts(seconds, model) or (belief.astray and _beyond(after, model))
+    return _within(after, model) if wide else after
+
+
+def lasts(seconds: float, model: SignalModel) -> bool:
+    """Whether a push of so long alone leaves the agent vague."""
+    return bool(np.sqrt(2) * 0.5 * model.settings.acceleration_mps2 * seconds**2 > VAGUE_M)
 
 
 def unheard(belief: JointBelief, heard: NDArray[np.bool_]) -> JointBelief:

@@ -54,7 +54,8 @@ class JointBelief:
     sightings : Sightings
         From where features and lines of sight were heard.
     astray : bool
-        Whether the agent became vague in a silence, and hasn't been found since; see `messages.features.silences`.
+        Whether the agent became vague in a silence, and hasn't been found since; see
+        `messages.features.silences`.
     """
 
     mean: Array
