@@ -19,6 +19,9 @@ from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import JointBelief
 from gridslam.world.signal_model import SignalModel
 
+MOST = 1000
+"""Places along either axis of the region at most: in one of over 150 m they are farther apart."""
+
 
 def carried(belief: JointBelief, seconds: float, model: SignalModel) -> JointBelief:
     """The belief so many seconds later, within the region if it is vague by then."""
@@ -41,7 +44,7 @@ def unheard(belief: JointBelief, heard: NDArray[np.bool_]) -> JointBelief:
 def region_axes(model: SignalModel) -> list[Array]:
     """Coordinates (m) along x and y over the region, closer than half of what a pulse tells apart."""
     sides = np.array([model.grid.x_m, model.grid.y_m])
-    counts = np.ceil((sides[:, 1] - sides[:, 0]) / UNSURE_M).astype(int)
+    counts = np.minimum(np.ceil((sides[:, 1] - sides[:, 0]) / UNSURE_M), MOST).astype(int)
     return [
         low + (high - low) * (np.arange(n) + 0.5) / n for (low, high), n in zip(sides, counts, strict=True)
     ]
