@@ -9,7 +9,7 @@ from signal_worlds import received, signal_model
 from gridslam import runtime
 from gridslam.inference.messages.features.found_again import update_anywhere
 from gridslam.inference.messages.features.joint_update import predict
-from gridslam.inference.messages.features.silences import carried, region_axes, unheard
+from gridslam.inference.messages.features.silences import carried, lasts, region_axes, unheard, usual
 from gridslam.inference.state.features.features import FeatureBank, entries
 from gridslam.inference.state.features.hybrid_state import JointBelief
 
@@ -27,7 +27,7 @@ def followed(model, points=IMAGES):
     agent = np.array([*WAY[0], 0.5, 0.2])
     one = JointBelief(
         agent, np.diag(np.square([0.03, 0.03, 0.1, 0.1])), FeatureBank.empty(), np.array([0.9]),
-        np.array(POWERS[:1]), np.ones(1),
+        np.array(POWERS[:1]), np.ones(1), usual_s=0.1,
     )  # fmt: skip
     width = np.diag(np.square([0.05, 0.02, 1e-3]))
     for k, point in enumerate(points):
@@ -47,6 +47,52 @@ def test_a_short_time_is_motion_alone():
     np.testing.assert_array_equal(after.mean, moved.mean)
     np.testing.assert_array_equal(after.covariance, moved.covariance)
     assert not after.astray
+
+
+def test_steps_that_are_long_throughout_are_no_silences():
+    """One of a second at 2 m/s^2 leaves more than 1 m open; but there are no others."""
+    model = signal_model()
+    belief = replace(followed(model), usual_s=1.0)
+    after, moved = carried(belief, 1.0, model), predict(belief, 1.0, 2.0)
+    np.testing.assert_array_equal(after.covariance, moved.covariance)
+    assert not after.astray
+    assert carried(belief, 3.1, model).astray
+    assert not lasts(3.1, 0.0, model)  # of the first step nobody knows
+    assert lasts(3.1, 1.0, model)
+    assert not lasts(0.8, 0.1, model)
+
+
+def test_one_long_or_short_step_hardly_changes_what_is_usual():
+    assert usual(0.0, 5.0) == 5.0
+    assert usual(1.0, 60.0) == 1.1
+    assert usual(1.0, 0.001) == 0.5
+    assert usual(1.0, 1.05) == 1.05
+
+
+def test_where_motion_leads_out_of_the_region_the_agent_is_at_its_edge():
+    model = signal_model()
+    belief = followed(model)
+    far = replace(belief, mean=np.array([1e4, 0.0, *belief.mean[2:]]))
+    after = carried(far, 1.5, model)
+    assert model.grid.x_m[1] - 2 < after.mean[0] < model.grid.x_m[1]
+    assert np.isfinite(after.covariance).all()
+
+
+def test_who_is_heard_is_not_astray_however_vague():
+    model = signal_model()
+    belief = followed(model)
+    wide = belief.covariance.copy()
+    wide[:2, :2] += 4 * np.eye(2)
+    vague = replace(belief, covariance=wide)
+    assert not unheard(vague, np.array([True])).astray
+    assert unheard(vague, np.array([False])).astray
+
+
+def test_a_region_as_narrow_as_one_place_has_two():
+    model = signal_model()
+    narrow = replace(model, grid=model.grid.model_copy(update={"x_m": (0.0, 0.1)}))
+    after = carried(followed(model), 3600.0, narrow)
+    assert np.linalg.eigvalsh(after.agent_covariance).min() > 0
 
 
 @pytest.mark.parametrize("seconds", [60.0, 3600.0, 1e6])
@@ -119,7 +165,10 @@ def test_lengths_to_one_anchor_tell_no_place():
         after, evidence = update_anywhere(
             belief, snapshot(model, place, [LOS], seed), HEARD, HEADING, model, STEP
         )
-        assert after is belief
+        assert after.astray
+        np.testing.assert_array_equal(after.mean, belief.mean)
+        np.testing.assert_array_equal(after.covariance, belief.covariance)
+        assert after.existence < belief.existence  # nothing was seen
         assert np.isfinite(evidence)
 
 

@@ -165,7 +165,7 @@ def count_step(
     """
     silent = 0 if received.heard.any() else state.silent + 1
     belief = state.joint if state.particles is None else state.particles
-    sights = received.heard & (belief.existence > SIGHTED)
+    sights = received.heard & (belief.existence > SIGHTED) & (not state.joint.astray)
     seen, early = bool(sights.any()), False
     for j in np.flatnonzero(received.heard):
         way = moments.mean[:2] - model.anchors[j, :2]

@@ -41,7 +41,8 @@ def update_anywhere(
 ) -> tuple[JointBelief, float]:  # fmt: skip
     """As `update_by_readings`; of an agent astray only if the samples tell one place from all others, (M572).
 
-    Else the belief stays as it is. Of a step without samples a vague agent comes out astray.
+    Else the belief stays as it is, and lines of sight are less sure. Of a step without samples a vague agent
+    comes out astray.
     """
     if not (belief.astray and audible.any()):
         after, evidence = update_by_readings(belief, samples, audible, heading_rad, model, step)
@@ -60,6 +61,7 @@ def update_anywhere(
     alone = best.nats - max(rivals, default=-np.inf) > COST and best.off(after.mean[:2]) < reach
     if alone and own.sum() < VAGUE_M**2:
         return replace(after, astray=False), evidence
+    belief = replace(belief, existence=after_a_step(belief.existence))
     return belief, float(np.logaddexp.reduce(nats) - np.logaddexp.reduce(prior[near]))
 
 

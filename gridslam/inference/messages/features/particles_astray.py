@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gridslam.inference.messages.features import sight
 from gridslam.inference.messages.features.found_again import update_anywhere
 from gridslam.inference.messages.features.sight import Moments
-from gridslam.inference.messages.features.silences import carried, lasts
+from gridslam.inference.messages.features.silences import carried, lasts, usual
 from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import HybridState, JointBelief, ParticleBelief
 from gridslam.world.signal_model import SignalModel
@@ -30,9 +30,11 @@ def carried_particles(
     cloud = state.particles
     assert cloud is not None
     after = sight.predict_particles(cloud, seconds, model.settings.acceleration_mps2, seed, state.step)
-    if not (bounded and (state.joint.astray or lasts(seconds, model))):
+    usual_s = state.joint.usual_s
+    state = replace(state, joint=replace(state.joint, usual_s=usual(usual_s, seconds)))
+    if not (bounded and (state.joint.astray or lasts(seconds, usual_s, model))):
         return replace(state, particles=after)
-    belief = carried(_as_joint(state, cloud), seconds, model)
+    belief = carried(replace(_as_joint(state, cloud), usual_s=usual_s), seconds, model)
     after = _drawn(after, belief, [seed, state.step, CARRIED])
     return replace(state, particles=after, joint=replace(state.joint, astray=True))
 

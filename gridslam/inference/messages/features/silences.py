@@ -19,20 +19,30 @@ from gridslam.inference.state.features.features import MOVING
 from gridslam.inference.state.features.hybrid_state import JointBelief
 from gridslam.world.signal_model import SignalModel
 
+LONGER = 3.0
+"""Times as long as usual a silence is at least: where steps are long, motion over one is all there is."""
 MOST = 1000
 """Places along either axis of the region at most: in one of over 150 m they are farther apart."""
 
 
 def carried(belief: JointBelief, seconds: float, model: SignalModel) -> JointBelief:
     """The belief so many seconds later, within the region if it is vague by then."""
-    after = predict(belief, seconds, model.settings.acceleration_mps2)
-    wide = lasts(seconds, model) or (belief.astray and _beyond(after, model))
+    after = replace(
+        predict(belief, seconds, model.settings.acceleration_mps2), usual_s=usual(belief.usual_s, seconds)
+    )
+    wide = lasts(seconds, belief.usual_s, model) or (belief.astray and _beyond(after, model))
     return _within(after, model) if wide else after
 
 
-def lasts(seconds: float, model: SignalModel) -> bool:
-    """Whether a push of so long alone leaves the agent vague."""
-    return bool(np.sqrt(2) * 0.5 * model.settings.acceleration_mps2 * seconds**2 > VAGUE_M)
+def lasts(seconds: float, usual_s: float, model: SignalModel) -> bool:
+    """Whether a push of so long alone leaves the agent vague, and steps are mostly far shorter."""
+    push = np.sqrt(2) * 0.5 * model.settings.acceleration_mps2 * seconds**2
+    return bool(push > VAGUE_M and seconds > LONGER * usual_s > 0)
+
+
+def usual(usual_s: float, seconds: float) -> float:
+    """How long steps mostly are (s) after one more; 0 before the first. A single odd one hardly counts."""
+    return max(0.5 * usual_s, min(1.1 * usual_s, seconds)) if usual_s else seconds
 
 
 def unheard(belief: JointBelief, heard: NDArray[np.bool_]) -> JointBelief:
@@ -44,7 +54,7 @@ def unheard(belief: JointBelief, heard: NDArray[np.bool_]) -> JointBelief:
 def region_axes(model: SignalModel) -> list[Array]:
     """Coordinates (m) along x and y over the region, closer than half of what a pulse tells apart."""
     sides = np.array([model.grid.x_m, model.grid.y_m])
-    counts = np.minimum(np.ceil((sides[:, 1] - sides[:, 0]) / UNSURE_M), MOST).astype(int)
+    counts = np.clip(np.ceil((sides[:, 1] - sides[:, 0]) / UNSURE_M), 2, MOST).astype(int)
     return [
         low + (high - low) * (np.arange(n) + 0.5) / n for (low, high), n in zip(sides, counts, strict=True)
     ]

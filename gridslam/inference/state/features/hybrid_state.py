@@ -56,6 +56,8 @@ class JointBelief:
     astray : bool
         Whether the agent became vague in a silence, and hasn't been found since; see
         `messages.features.silences`.
+    usual_s : float
+        How long steps mostly are, s; 0 before the first.
     """
 
     mean: Array
@@ -67,6 +69,7 @@ class JointBelief:
     extent: float = field(default=0.0, metadata={"later": True})
     sightings: Sightings = field(default_factory=Sightings.none, metadata={"later": True})
     astray: bool = field(default=False, metadata={"later": True})
+    usual_s: float = field(default=0.0, metadata={"later": True})
 
     @property
     def agent_covariance(self) -> Array:
