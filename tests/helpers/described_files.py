@@ -9,6 +9,7 @@ from run_samples import some_estimate
 import gridslam as gs
 from gridslam.estimate_tables import FeatureEstimate, SurfaceStretches
 from gridslam.io.datasets import Layout
+from gridslam.maps.map_anchors import MapAnchors
 from gridslam.maps.map_cells import joint_of
 from gridslam.maps.map_datasets import MAP
 from gridslam.measurements.datasets import MEASUREMENTS, RECORDING
@@ -55,16 +56,18 @@ def measured_by_one(path):
 
 
 def mapped(path):
-    """Cells, surfaces with stretches, features and levels."""
+    """Cells, surfaces with stretches, features, anchors and levels."""
     plain = random_map(1, lines=((0.3, 2.0), (1.8, 3.0)))
     one, whole, spread = np.ones(2), np.arange(2), np.tile(np.eye(4), (2, 1, 1))
     learned = FeatureEstimate(whole, whole, *2 * [np.ones((2, 2))], *3 * [one], spread, *3 * [whole])
     agents = {"agents": ["a", "b"], "seeds": [1, 2], "steps": [7, 8], "runs": ["12", "34"], "told": ["walls"]}
     anchors = {"anchors": ["A", "B"], "anchor_x_m": [0.0, 1.0], "anchor_y_m": [1.0, 0.0]}
+    stand = MapAnchors(("A", "B"), np.ones((2, 2)), one, np.eye(6), np.zeros((6, 4)))
     even = np.full(len(COEFFICIENTS), 1 / len(COEFFICIENTS))
     replace(
         plain, features=learned, feature_covariance=np.eye(6), levels={"floor": even, "ceiling": even},
         surface_covariance=joint_of(plain.surfaces.line_cov), provenance=agents | anchors | {"lost": ["a"]},
+        anchors=stand,
         stretches=SurfaceStretches(np.array([0, 0, 1]), np.array([[0.0, 1.0], [2.0, 3.0], [0.0, 1.0]])),
     ).save(path)  # fmt: skip
 
