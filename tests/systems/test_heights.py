@@ -56,7 +56,7 @@ def test_anchors_on_a_ceiling_are_followed_as_near_to_the_bound_as_any(method):
 
 @pytest.mark.slow
 def test_the_point_right_under_an_anchor_is_passed_as_near_to_the_bound_as_any():
-    """A way that was drawn for this, not for tuning: see docs/model.md, section 16, for eight seeds."""
+    """A way that was drawn for this, not for tuning: see docs/notebook.md, Heights, for eight seeds."""
     scene = shortened(gs.Scene.load("ceiling"), 140)  # it is passed at steps 112 to 127
     bound = unknown_map_bound(scene, "agent1").position_m
     measurements, track, slam = (

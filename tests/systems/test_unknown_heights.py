@@ -35,7 +35,7 @@ BOTH = with_levels(ROOM)
     [(unsure(gs.Scene.load("ceiling")), "grid", 45), (unsure(gs.Scene.load("ceiling")), "adaptive", 46)],
 )
 def test_an_unknown_height_costs_no_more_than_the_bound_says(scene, method, seed):
-    """Taken as known, 5 cm cost 2 to 3 times the bound; see docs/model.md, section 16, for more seeds."""
+    """Taken as known, 5 cm cost 2 to 3 times the bound; see docs/notebook.md, Heights, for more seeds."""
     scene = shortened(scene, 100)
     track = scene.track("agent1")
     bound = unknown_map_bound(scene, "agent1").position_m

@@ -6,38 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scene_samples import raised, shortened
+from unsure_anchors import PLACE, TURN, drawn, stepped, stood
 
 import gridslam as gs
-from gridslam.drawing.map_figure import draw_map
 from gridslam.errors import InputError
-from gridslam.estimate_tables import FeatureEstimate
 from gridslam.inference.management.free_turn import position_spread
 from gridslam.inference.messages.anchor_frames import as_believed
-from gridslam.maps.frames import SAME_PLACE_M, fitted
-from gridslam.systems.handed_anchors import learned_anchors
 from gridslam.systems.registry import METHODS, method_class
-
-PLACE, TURN = 0.1, 3.0
-"""Deviations, m and degrees."""
-
-
-def stood(scene="room", steps=60, place=0.0, turn=0.0, aside=None):
-    """A scene with deviations of its anchors, or with anchors that stand `aside` (J, 3; m, m, deg)."""
-    data = shortened(gs.Scene.load(scene) if isinstance(scene, str) else scene, steps).model_dump(
-        exclude_none=True
-    )
-    for number, anchor in enumerate(data["anchors"]):
-        dx, dy, by = np.zeros(3) if aside is None else aside[number]
-        x, y, *height = anchor["position_m"]
-        anchor["position_m"] = [x + dx, y + dy, *height]
-        anchor["orientation_deg"] = anchor.get("orientation_deg", 0.0) + by
-        anchor |= {"position_std_m": place, "orientation_std_deg": turn}
-    data["filter"]["particles"] = 300
-    return gs.Scene.checked(data, data["name"])
-
-
-def drawn(seed, place=PLACE, turn=TURN, anchors=2):
-    return np.random.default_rng(seed).normal(0, [place, place, turn], (anchors, 3))
 
 
 def run_of(told, aside, seed, method="grid"):
@@ -180,15 +155,6 @@ def test_mountings_that_cannot_be_are_refused(part, value, says):
         slam.require_sound(replace(slam.population, states=(spoilt,)), slam.model, "file")
 
 
-def stepped(steps=6, **told):
-    """A filter some steps on."""
-    scene = stood(steps=steps, **told)
-    slam = gs.GridSlam(scene, seed=4)
-    for scan in gs.simulate(stood(steps=steps, aside=drawn(64)), "agent1", 4):
-        estimate = slam.step(scan)
-    return slam, estimate
-
-
 def test_a_turn_of_all_is_no_part_of_the_belief_and_of_all_that_is_reported():
     slam, estimate = stepped(place=PLACE, turn=TURN)
     own, belief = slam.state.mountings, slam.state.belief
@@ -248,157 +214,3 @@ def test_a_place_that_is_found_is_known_as_anchors_are():
     )
     scale = np.sqrt(np.diag(joint))
     assert np.linalg.eigvalsh(joint / np.outer(scale, scale)).min() > -1e-9
-
-
-def next_agent(made, told):
-    """An agent of the same anchors with a map, before its first step and after its last."""
-    slam = gs.GridSlam(told, prior_map=made, seed=5, same_frame=True)
-    begun = slam.state.mountings
-    for scan in gs.simulate(stood(steps=6, aside=drawn(64)), "agent1", 5):
-        estimate = slam.step(scan)
-    return begun, estimate
-
-
-def test_the_next_agent_begins_with_anchors_as_the_first_one_found_them():
-    slam, estimate = stepped(place=PLACE, turn=TURN)
-    begun, _ = next_agent(slam.map(), stood(steps=6, place=PLACE, turn=TURN))
-    ended = slam.state.mountings
-    np.testing.assert_allclose(begun.mean, ended.mean, atol=1e-12)
-    np.testing.assert_allclose(begun.covariance, ended.covariance, atol=1e-8)
-    assert begun.turn_variance == pytest.approx(ended.turn_variance, rel=1e-4)
-    made = slam.map().anchors
-    assert made.names == tuple(estimate.anchors)
-    for (*own, std_x, std_y, turn_std), found in zip(made.columns.T, estimate.anchors.values(), strict=True):
-        np.testing.assert_allclose(own, [*found.position_m, found.orientation_rad])
-        claimed = [found.position_std_m, found.orientation_std_rad]
-        np.testing.assert_allclose([np.hypot(std_x, std_y), turn_std], claimed)
-
-
-def test_maps_that_such_anchors_made_do_not_tell_where_they_stand():
-    """Claims shrink by what the next agent's own start tells alone: the same anchors are off by the same."""
-    slam, first = stepped(place=0.3)
-    told = stood(steps=6, place=0.3)
-    claimed, open_ = first.anchors["A"].position_std_m, 2 * 0.3**2 / 2
-    # of what two anchors have in common, which nothing that is heard tells; each start does as much
-    by_start = 1 / claimed**2 - 1 / open_
-    twice = (1 / open_ + 2 * by_start) ** -0.5
-    _, estimate = next_agent(slam.map(), told)
-    assert estimate.anchors["A"].position_std_m == pytest.approx(twice, rel=0.03)
-    earlier = replace(slam.map(), anchors=None)  # of an earlier version, or fused
-    assert next_agent(earlier, told)[1].anchors["A"].position_std_m > 0.9 * claimed
-    plan = replace(slam.map(), provenance={}, anchors=None)  # read from elsewhere: walls tell it
-    assert next_agent(plan, told)[1].anchors["A"].position_std_m < 0.9 * claimed
-
-
-def test_who_knows_anchors_takes_their_walls_alone():
-    slam, _ = stepped(place=PLACE, turn=TURN)
-    begun, estimate = next_agent(slam.map(), stood(steps=6))
-    assert begun is None
-    assert not estimate.anchors
-
-
-def test_a_map_that_lacks_one_of_the_anchors_tells_nothing_of_any():
-    """It may have told its walls before, by an agent before the map's maker: (M569)."""
-    slam, _ = stepped(place=PLACE, turn=TURN)
-    made = slam.map()
-    for order in ([1, 0], [0]):
-        entries = np.add.outer(3 * np.array(order), np.arange(3)).ravel()
-        other = replace(
-            made.anchors, names=tuple(made.anchors.names[n] for n in order),
-            position_m=made.anchors.position_m[order], orientation_rad=made.anchors.orientation_rad[order],
-            covariance=made.anchors.covariance[np.ix_(entries, entries)], cross=made.anchors.cross[entries],
-        )  # fmt: skip
-        found = learned_anchors(replace(made, anchors=other), slam.model)
-        if len(order) == 1:
-            assert found is None
-            continue
-        whole = learned_anchors(made, slam.model)
-        for ours, theirs in zip(found, whole, strict=True):
-            np.testing.assert_array_equal(ours, theirs)
-        np.testing.assert_allclose(whole.aside, slam.state.aside, atol=1e-12)
-    assert learned_anchors(replace(made, surfaces=None, surface_covariance=None, surface_reflection=None,
-                                   anchors=None, stretches=None), slam.model) is None  # fmt: skip
-
-
-def test_after_a_silence_anchors_are_known_no_better():
-    """Who is found by anchors is off by what they have in common, and so doesn't tell it; nor do walls."""
-    told, squares_of = stood(steps=26, place=PLACE, turn=TURN), []
-    for seed in range(4):
-        heard = gs.simulate(stood(steps=26, aside=drawn(80 + seed)), "agent1", seed)
-        slam, truth = gs.GridSlam(told, seed=seed), told.track("agent1").position_m
-        for number, scan in enumerate(heard):
-            if number in (14, 15):
-                continue
-            scan = replace(scan, time_s=scan.time_s + (3600.0 if number > 15 else 0.0))
-            estimate = slam.step(scan)
-            if number == 13:
-                before = estimate.anchors["A"].position_std_m
-            if number == 16:
-                assert estimate.anchors["A"].position_std_m > 0.95 * before
-        error = estimate.position_m[:2] - truth[number, :2]
-        squares_of.append(error @ np.linalg.solve(estimate.covariance[:2, :2], error))
-    assert np.mean(squares_of) < 4.5
-
-
-@pytest.mark.parametrize("method", [gs.GridSlam, gs.AdaptiveSlam])
-def test_an_only_anchor_is_read_again_as_it_was_written(method, tmp_path):
-    told = stood(steps=6, turn=TURN)
-    told = gs.Scene.checked(told.model_dump(exclude_none=True) | {
-        "anchors": [told.anchors[0].model_dump(exclude_none=True)]}, "room")  # fmt: skip
-    made = None
-    for seed in (1, 2):
-        slam = method(told, seed=seed, prior_map=made)
-        for scan in list(gs.simulate(told, "agent1", seed))[:4]:
-            slam.step(scan)
-        slam.save(tmp_path / "one.h5")
-        method.resume(tmp_path / "one.h5")
-        made = slam.map()
-
-
-def features_of(scene):
-    """One feature of each anchor."""
-    count, table = len(scene.anchors), {}
-    zeros = np.zeros(count)
-    table = {"identity": np.arange(count), "anchor": np.arange(count), "anchor_m": scene.anchor_positions,
-             "position_m": np.ones((count, 2)), "bias_m": zeros, "variance": zeros + 1, "noise": zeros + 1,
-             "covariance": np.tile(np.eye(4), (count, 1, 1)), "kind": np.zeros(count, int),
-             "steps_seen": np.ones(count, int), "last_step": np.zeros(count, int)}  # fmt: skip
-    return FeatureEstimate(**table)
-
-
-def moved_anchors(scene, learned, share, place=0.0, turn=0.0):
-    """A scene with anchors a share of the way (of x and y) to where they were learned to stand."""
-    data = scene.model_dump(exclude_none=True)
-    for anchor, x, y in zip(data["anchors"], *learned.columns[:2], strict=True):
-        there = np.array(anchor["position_m"][:2])
-        anchor["position_m"] = (there + np.array(share) * (np.array([x, y]) - there)).tolist()
-        anchor |= {"position_std_m": place, "orientation_std_deg": turn}
-    return gs.Scene.checked(data, data["name"])
-
-
-@pytest.mark.parametrize("told", [{}, {"place": PLACE, "turn": TURN}])
-def test_a_map_fits_a_scene_whose_anchors_were_surveyed_since(told):
-    slam, _ = stepped(place=PLACE, turn=TURN)
-    made = slam.map()
-    surveyed = moved_anchors(slam.scene, made.anchors, 1.0, **told)
-    assert np.hypot(*(surveyed.anchor_positions - slam.scene.anchor_positions).T).min() > SAME_PLACE_M
-    begun = gs.GridSlam(surveyed, prior_map=made).state.mountings
-    if told:  # there already, and as sure
-        np.testing.assert_allclose(begun.aside[:, :2], 0, atol=1e-9)
-        np.testing.assert_allclose(begun.aside[:, 2], slam.state.aside[:, 2], atol=1e-9)
-    at_once = fitted(replace(made, features=features_of(slam.scene)), surveyed)
-    np.testing.assert_allclose(at_once[0].features.anchor_m, surveyed.anchor_positions)
-    assert "its anchor A is the scene's, 0.01" in at_once[1]
-    with pytest.raises(InputError, match="map: frame: found anchor 'A' at"):  # where one of them isn't
-        gs.GridSlam(moved_anchors(slam.scene, made.anchors, [1.0, 80.0], **told), prior_map=made)
-    with pytest.raises(InputError, match="map: frame: found anchor 'A' at"):  # where none of them is
-        gs.GridSlam(moved_anchors(slam.scene, made.anchors, 80.0, **told), prior_map=made)
-    with pytest.raises(InputError, match="map: frame: found anchor 'A' at"):  # known, by its maker
-        gs.GridSlam(surveyed, prior_map=replace(made, anchors=None))
-
-
-def test_the_map_is_drawn_with_anchors_where_they_were_found():
-    slam, _ = stepped(place=PLACE, turn=TURN)
-    for made, wanted in ((slam.map(), 1), (replace(slam.map(), anchors=None), 0)):
-        _, labels = draw_map(made, slam.scene).axes[0].get_legend_handles_labels()
-        assert labels.count("anchors as found, 2 deviations") == wanted
