@@ -11,7 +11,7 @@ from gridslam.drawing.map_figure import draw_map
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FeatureEstimate
 from gridslam.maps.frames import SAME_PLACE_M, fitted
-from gridslam.systems.handed_anchors import learned_anchors
+from gridslam.systems.handed_anchors import learned_anchors, map_anchors
 
 
 def next_agent(made, told):
@@ -36,6 +36,24 @@ def test_the_next_agent_begins_with_anchors_as_the_first_one_found_them():
         np.testing.assert_allclose(own, [*found.position_m, found.orientation_rad])
         claimed = [found.position_std_m, found.orientation_std_rad]
         np.testing.assert_allclose([np.hypot(std_x, std_y), turn_std], claimed)
+
+
+def test_a_line_is_handed_on_alike_from_either_side():
+    """Its offset is 0 or more in a map, so what is correlated with it changes its sign with it."""
+    slam, _ = stepped(place=PLACE, turn=TURN)
+    state, whole = slam.state, np.ones(len(slam.state.surfaces), bool)
+    offset = state.belief.layout.head + 1
+    sign, mean = np.ones(len(state.belief.mean)), state.belief.mean.copy()
+    sign[offset] = -1.0
+    mean[offset - 1 : offset + 1] = mean[offset - 1] + np.pi, -mean[offset]
+    turned = replace(
+        state,
+        belief=replace(state.belief, mean=mean, covariance=state.belief.covariance * np.outer(sign, sign)),
+        mountings=replace(state.mountings, cross=state.mountings.cross * sign),
+    )
+    one, other = (map_anchors(own, whole, slam.model).cross for own in (state, turned))
+    assert np.abs(one[:, 1]).max() > 1e-4
+    np.testing.assert_allclose(other, one, atol=1e-12)
 
 
 def test_maps_that_such_anchors_made_do_not_tell_where_they_stand():
