@@ -38,6 +38,8 @@ class PathPrior:
         Mean power of those that are hardly there and may be back; 0 for others (default: all).
     chance : (N,), optional
         Probability that each is there: one that isn't may well be nearer than its anchor (default: all are).
+    begin : (N,) m, optional
+        Where a search for the mode begins (default: at the means).
     """
 
     mean: Array
@@ -45,20 +47,23 @@ class PathPrior:
     weight: Array
     away: Array | None = None
     chance: Array | None = None
+    begin: Array | None = None
 
     @property
     def chances(self) -> Array:
         """Probability (N,) that each path is there."""
         return np.ones(len(self.mean)) if self.chance is None else self.chance
 
-    def back(self, row: int) -> PathPrior:
-        """The same where a path that was away is there."""
+    def back(self, row: int, distance: float | None = None) -> PathPrior:
+        """The same where a path that was away is there, at a distance or where it is predicted."""
         away = np.zeros(len(self.weight)) if self.away is None else self.away.copy()
         there = self.weighed(row, float(away[row]))
         away[row] = 0.0
         chance = self.chances.copy()
         chance[row] = 1.0
-        return replace(there, away=away, chance=chance)
+        begin = self.mean.copy()
+        begin[row] = self.mean[row] if distance is None else distance
+        return replace(there, away=away, chance=chance, begin=begin)
 
     def weighed(self, row: int, weight: float) -> PathPrior:
         """The same with another mean power of one path."""
@@ -75,7 +80,7 @@ class PathPrior:
         away = None if self.away is None else np.append(self.away, 0.0)
         return PathPrior(
             np.append(self.mean, distance), precision, np.append(self.weight, weight), away,
-            np.append(self.chances, 1.0),
+            np.append(self.chances, 1.0), None if self.begin is None else np.append(self.begin, distance),
         )  # fmt: skip
 
 
@@ -138,7 +143,7 @@ def joint_mode(band: Band, samples: Complex, prior: PathPrior, noise: float) -> 
     size = len(prior.mean)
     weight = np.empty((size, 2))
     weight[:, 0], weight[:, 1] = prior.weight, prior.chances
-    distance = np.array(prior.mean, np.float64)
+    distance = np.array(prior.mean if prior.begin is None else prior.begin, np.float64)
     information, value = np.empty((size, size)), np.empty(1)
     climb_distances(
         band.wavenumber, pairs(band.pulse), pairs(np.ascontiguousarray(samples)), prior.mean,

@@ -38,8 +38,11 @@ ACCEPTED = np.log(8.0) - 2.0
 less what fitting a distance and an intensity gains in noise."""
 SOLVED_AGAIN = 1.0
 """What solving everything again may gain on top of what the others' present fit shows; 0.5 is usual."""
-BACK_M = 0.3
-"""How near to a peak a path that was away may be what makes it."""
+BACK_M, BACK_DEVIATIONS, BACK_SHARE = 0.3, 3.0, 0.5
+"""How near to a peak a path that was away may be what makes it; the line of sight also within so many
+deviations, while these are less than that share of the resolution."""
+BEGIN_M = 0.1
+"""How far from its prediction a path that is back is looked for at the peak, too."""
 SURELY = 1 - 1e-9
 """Greatest probability that a path is back."""
 WIDEST_M = 0.3
@@ -172,6 +175,15 @@ class _Scores:
     worth: Array
 
 
+def _reach(prior: PathPrior, resolution_m: float) -> Array:
+    """How far (N,) m from its prediction each path may be back (M573)."""
+    reach = np.full(len(prior.mean), BACK_M)
+    deviation = float(np.sqrt(np.linalg.inv(prior.precision)[0, 0]))
+    if deviation < BACK_SHARE * resolution_m:
+        reach[0] = max(BACK_M, BACK_DEVIATIONS * deviation)
+    return reach
+
+
 class _Births:
     """Peaks over distance; see `path_search.Candidates`. A peak is a distance (m) and an intensity.
 
@@ -195,12 +207,16 @@ class _Births:
         self.taken, self.weak = list[NewDistance](), list[NewDistance]()
         deviation = DEVIATIONS * float(np.sqrt(1 / prior.precision[0, 0]))
         self.nearest = float(prior.mean[0]) + NEAR_M + deviation
+        self.reach = _reach(prior, band.resolution_m)
+        gone = prior.away is not None and prior.away[0] > 0
+        lowest = min(self.nearest, float(prior.mean[0]) - self.reach[0]) if gone else self.nearest
         # (M540): a folding range on from where the line of sight may be, it is heard itself
         self.farthest = float(prior.mean[0]) - deviation + band.folding_m - band.resolution_m
         self.points = max(POINTS, 2 * len(band))
         grid = band.folding_m / self.points * np.arange(self.points)
-        self.grid = grid + band.folding_m * (grid < self.nearest)
-        self.open = self.grid < self.farthest
+        self.grid = grid + band.folding_m * (grid < lowest)
+        sight = gone & (np.abs(self.grid - prior.mean[0]) < self.reach[0])
+        self.open = (self.grid < self.farthest) & ((self.grid >= self.nearest) | sight)
         self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
         self.least = float(np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED - SOLVED_AGAIN)
         self._latest: tuple[Mode, Inverse, Sweep] | None = None
@@ -255,12 +271,18 @@ class _Births:
 
     def _explanations(self, prior: PathPrior, peak: tuple[float, float]) -> list[_Explanation]:
         """What may make a peak: a new path; known ones that were away and are back (M332)."""
-        found = [_Explanation(prior.with_path(*peak), float(np.log(self.rate) + ACCEPTED), False, peak)]
-        if prior.away is not None and prior.away.any():
-            for row in np.flatnonzero((prior.away > 0) & (np.abs(prior.mean - peak[0]) < BACK_M)).tolist():
-                chance = min(float(prior.weight[row] / prior.away[row]), SURELY)  # rounding may make it 1
-                log_odds = float(np.log(chance / (1 - chance)))
-                found.append(_Explanation(prior.back(row), log_odds, True, peak))
+        found = list[_Explanation]()
+        if peak[0] >= self.nearest:
+            new = float(np.log(self.rate) + ACCEPTED)
+            found.append(_Explanation(prior.with_path(*peak), new, False, peak))
+        if prior.away is None:
+            return found
+        gap, known = np.abs(prior.mean - peak[0]), len(self.reach)
+        for row in np.flatnonzero((prior.away[:known] > 0) & (gap[:known] < self.reach)).tolist():
+            chance = min(float(prior.weight[row] / prior.away[row]), SURELY)  # rounding may make it 1
+            log_odds = float(np.log(chance / (1 - chance)))
+            begins = [None, peak[0]] if gap[row] > BEGIN_M else [None]
+            found += [_Explanation(prior.back(row, begin), log_odds, True, peak) for begin in begins]
         return found
 
     def _before(self, prior: PathPrior) -> Sweep:
