@@ -270,6 +270,14 @@ def test_nor_is_it_taken_for_what_is_too_far_off_or_of_an_agent_that_is_anywhere
     assert abs(found.mode.distance[0] - there) > 0.1
 
 
+def test_a_faint_one_is_a_reflection_that_far_off(model):
+    """Whatever the evidence for a path: within three deviations, but 14 dB over the noise alone."""
+    prior = hidden(model, 0.25)
+    for off in (-0.5, 0.5):
+        found = find_births(BAND, snapshot(2, (float(prior.mean[0]) + off, 5.0)), prior, 1.0, RATE)
+        assert found.prior.weight[0] == pytest.approx(9.0)
+
+
 def test_noise_brings_nothing_back(model):
     _, paths = away(model, 0.001)
     samples = (snapshot(seed, (paths.prior.mean[0], 17)) for seed in range(40))

@@ -41,8 +41,9 @@ SOLVED_AGAIN = 1.0
 BACK_M, BACK_DEVIATIONS, BACK_SHARE = 0.3, 3.0, 0.5
 """How near to a peak a path that was away may be what makes it; the line of sight also within so many
 deviations, while these are less than that share of the resolution."""
-BEGIN_M = 0.1
-"""How far from its prediction a path that is back is looked for at the peak, too."""
+LOUD, BEGIN_M = 50.0, 0.1
+"""Log odds that it has to reach there: fainter ones were reflections of hidden anchors. How far from its
+prediction a path that is back is looked for at the peak, too."""
 SURELY = 1 - 1e-9
 """Greatest probability that a path is back."""
 WIDEST_M = 0.3
@@ -148,12 +149,14 @@ def with_sight(band: Band, samples: Complex, prior: PathPrior, noise: float) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Explanation:
-    """What may make a peak: all paths then, the log odds of it before the snapshot, whether one is back."""
+    """What may make a peak: all paths then, the log odds before the snapshot, whether one is back, and the
+    least log odds with it."""
 
     prior: PathPrior
     log_odds: float
     is_back: bool
     peak: tuple[float, float]
+    least: float = -np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,14 +255,20 @@ class _Births:
         and nothing is left over.
         """
         _, table = self.explained(prior, mode)
-        peaks = [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]
-        tried = [one for peak in peaks for one in self._tries(prior, peak)]
-        if not tried:
-            return None
-        worth = [trial.log_posterior + one.log_odds for one, trial in tried]
-        self._judged, trial = tried[int(np.argmax(worth))]
-        self._solved = [(self._judged.prior, trial)]
-        return self._judged.peak
+        while peaks := [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]:
+            tried = [one for peak in peaks for one in self._tries(prior, peak)]
+            worth = [trial.log_posterior + one.log_odds for one, trial in tried]
+            able = [w > mode.log_posterior + one.least for w, (one, _) in zip(worth, tried, strict=True)]
+            if any(able):
+                self._judged, trial = tried[int(np.argmax(np.where(able, worth, -np.inf)))]
+                self._solved = [(self._judged.prior, trial)]
+                return self._judged.peak
+            for distance, _ in peaks:  # too near for a new path, and too faint for the line of sight
+                self._put_aside(distance)
+        return None
+
+    def _put_aside(self, distance: float) -> None:
+        self.open &= np.abs(self.grid - distance) > BESIDE_M
 
     def _tries(self, prior: PathPrior, peak: tuple[float, float]) -> list[tuple[_Explanation, Mode]]:
         """What may make a peak, each with its mode; the less likely one of two peaks is looked at again."""
@@ -282,7 +291,8 @@ class _Births:
             chance = min(float(prior.weight[row] / prior.away[row]), SURELY)  # rounding may make it 1
             log_odds = float(np.log(chance / (1 - chance)))
             begins = [None, peak[0]] if gap[row] > BEGIN_M else [None]
-            found += [_Explanation(prior.back(row, begin), log_odds, True, peak) for begin in begins]
+            least = LOUD if gap[row] >= BACK_M else -np.inf
+            found += [_Explanation(prior.back(row, begin), log_odds, True, peak, least) for begin in begins]
         return found
 
     def _before(self, prior: PathPrior) -> Sweep:
@@ -325,7 +335,7 @@ class _Births:
         log_odds = trial.log_posterior - mode.log_posterior + self._judged.log_odds
         if self._judged.is_back:
             if log_odds <= 0:
-                self.open &= np.abs(self.grid - peak[0]) > BESIDE_M
+                self._put_aside(peak[0])
             return log_odds > 0
         existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
         new = NewDistance(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
@@ -333,7 +343,7 @@ class _Births:
         if possible and existence > 0.5:
             self.taken.append(new)
             return True
-        self.open &= np.abs(self.grid - peak[0]) > BESIDE_M
+        self._put_aside(peak[0])
         known = np.append(mode.distance, [path.distance for path in self.weak])
         if possible and (np.abs(known - new.distance) > BESIDE_M).all():
             self.weak.append(new)
