@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value")
+NO_NUMBERS = {"c": "complex numbers", "b": "true or false", "SU": "text", "Mm": "dates (datetime64)"}
+"""What arrays of some NumPy kinds hold, which could be taken for real numbers."""
 
 
 def replace(value: Value, /, **changes: Any) -> Value:
@@ -36,16 +38,25 @@ def replace(value: Value, /, **changes: Any) -> Value:
 
 
 def real(values: object) -> Array:
-    """An array of float64; numpy would drop imaginary parts with a warning.
+    """An array of float64; what is masked is NaN.
+
+    NumPy would drop masks and imaginary parts, and count dates in whatever unit they have.
 
     Raises
     ------
     TypeError, ValueError
-        Complex numbers, or none.
+        Complex numbers, dates, text, truth values, or nothing of the kind.
     """
+    if isinstance(values, np.ma.MaskedArray):
+        return (
+            real(values.data)
+            if values.mask is np.ma.nomask
+            else np.where(values.mask, np.nan, real(values.data))
+        )
     array = np.asarray(values)
-    if array.dtype.kind == "c":
-        raise TypeError("complex numbers")
+    for kinds, called in NO_NUMBERS.items():
+        if array.dtype.kind in kinds:
+            raise TypeError(called)
     return array.astype(np.float64, copy=False)
 
 

@@ -13,6 +13,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.wording import counted
 from gridslam.world.geometry import wrap
+from gridslam.world.given import require_radians
 from gridslam.world.observation import Observation
 
 ANY_SPEED_MPS = 10.0
@@ -208,6 +209,7 @@ class Estimate:
         for name, array in (*((n, a) for n, (a, _) in shapes.items()), ("heading_rad", np.array(heading))):
             if not np.isfinite(array).all():
                 raise InputError(f"estimate: {name}", "NaN or infinity", "finite numbers")
+        require_radians(heading, "estimate")
         values = np.linalg.eigvalsh(0.5 * (square + square.T))
         if values[0] < -ROUNDING * max(values[-1], -values[0]):
             raise InputError(

@@ -22,6 +22,7 @@ Resident = Any
 """An array where the device has it: NumPy's on the CPU, Taichi's on a GPU."""
 
 _started: str | None = None
+_forked = False
 SPARE_THREADS = 1
 """More threads than cores: a system may wake several on one core and leave them there for half a millisecond,
 which is longer than most launches take. One more finds the idle core; two more compete with the others."""
@@ -42,9 +43,13 @@ def start(device: str = "auto", threads: int | None = None) -> str:
     Raises
     ------
     InputError
-        A GPU was asked for and can't be had, or another device is already running.
+        A GPU was asked for and can't be had, another device is already running, or the process was forked
+        from one in which Taichi ran.
     """
     global _started
+    if _forked:
+        allowed = 'multiprocessing.get_context("spawn"): kernels that ran before a fork never end after it'
+        raise InputError("device", "a process that was forked", allowed)
     if _started is not None and device == "auto":  # as every launch of a kernel asks
         return _started
     if device not in ("auto", "cpu", "gpu"):
@@ -78,12 +83,27 @@ def once_started(find: Callable[[], Found]) -> Callable[[], Found]:
     launch takes as long as handing over an array."""
 
     @cache
-    @wraps(find)
-    def found() -> Found:
+    def first() -> Found:
         start()
         return find()
 
+    @wraps(find)
+    def found() -> Found:
+        if _forked:
+            start()
+        return first()
+
     return found
+
+
+def _after_fork() -> None:
+    """Taichi's threads aren't in a forked child, which would wait for them for ever."""
+    global _forked
+    _forked = _started is not None
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
 
 
 def threads_for(cores: int) -> int:
@@ -133,6 +153,22 @@ def one_blas_thread() -> Iterator[None]:
         yield
     finally:
         _limits.leave()
+
+
+class Turns:
+    """A lock by which threads take turns; its deep copies are locks of their own."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Turns:
+        return Turns()
 
 
 class _Limits:

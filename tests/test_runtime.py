@@ -1,9 +1,16 @@
-"""Threads of linear algebra: one within a step, whatever the system, and what there was before after it."""
+"""Linear algebra has one thread within a step, threads take turns, and nobody goes on after a fork."""
+
+import copy
+import os
+import threading
+import warnings
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import gridslam as gs
+from gridslam import runtime
+from gridslam.errors import InputError
 
 
 class Nothing:
@@ -37,3 +44,44 @@ def test_steps_leave_linear_algebra_one_thread_and_others_what_they_had(system, 
             slam.step(Nothing())
         assert set(seen) == {1}
         assert [pool["num_threads"] for pool in threadpool_info()] == before
+
+
+def test_threads_take_turns_at_one_filter_and_not_at_its_copies(monkeypatch):
+    """Steps of four threads at once ended in a damaged heap."""
+    slam, seen = gs.GridSlam(gs.Scene.load("room"), seed=1), []
+
+    def another_thread_may(turns):
+        found = []
+        other = threading.Thread(target=lambda: found.append(turns._lock.acquire(blocking=False)))
+        other.start()
+        other.join()
+        return found[0]
+
+    def look(scan):
+        apart = copy.deepcopy(slam)
+        seen.extend(map(another_thread_may, (slam.turns, copy.copy(slam).turns, apart.turns)))
+        raise InputError("scan", "nothing", "something")
+
+    monkeypatch.setattr(slam, "_checked", lambda scan, after: scan)
+    monkeypatch.setattr(slam, "_advanced", look)
+    with pytest.raises(InputError):
+        slam.step(Nothing())
+    assert seen == [False, False, True], "a copy shares the workspace, a deep one has its own"
+    assert another_thread_may(slam.turns), "after a step, even one that failed"
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="systems without fork")
+def test_a_forked_child_says_so_and_waits_for_nobody():
+    """It waited for Taichi's threads, of which it has none, for ever."""
+    runtime.start()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # Python 3.12 warns of forks beside threads
+        child = os.fork()
+    if child == 0:
+        try:
+            runtime.start()
+        except InputError as error:
+            os._exit(0 if 'allowed: multiprocessing.get_context("spawn")' in str(error) else 1)
+        os._exit(2)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert runtime.start() == "cpu"

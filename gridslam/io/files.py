@@ -21,7 +21,15 @@ OF_KINDS = {"OS": "text", "iu": "whole numbers", "b": "true or false", "c": "com
 
 
 def beside(path: Path) -> Path:
-    """Temporary name in the folder of `path`, for a rename that can't cross file systems."""
+    """Temporary name in the folder of `path`, for a rename that can't cross file systems.
+
+    Raises
+    ------
+    InputError
+        It names no file.
+    """
+    if not path.name:
+        raise InputError(str(path), "a folder", "the name of a file in it")
     return path.with_name(f".{path.name}.{os.getpid()}.part")
 
 

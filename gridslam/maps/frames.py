@@ -255,5 +255,6 @@ def _require_same(
             raise InputError(
                 f"{where}: frame",
                 f"anchor {name!r} at {there.format(*place)}",
-                f"{there.format(*places[name])}, its place here: a map of the same frame",
+                f"{there.format(*places[name])}, its place here: a map of the same frame; an anchor that"
+                " was moved since has another name",
             )

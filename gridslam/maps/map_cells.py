@@ -15,6 +15,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.io.covariances import require_covariance
 from gridslam.maps.map_anchors import MapAnchors
+from gridslam.world.given import finite
 from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.radio import REFLECTION_BINS
 
@@ -278,7 +279,7 @@ class MapCells:
         InputError
             Cell sizes are no integer ratio, the lattices are shifted, or the grids don't overlap.
         """
-        origin = np.asarray(origin_m, float)
+        origin, _ = finite(origin_m, "map: origin_m"), finite(cell_m, "map: cell_m")
         same = np.allclose(origin, self.origin_m, rtol=0, atol=1e-12) and tuple(shape) == self.shape
         if same and cell_m == self.cell_m:
             return self

@@ -14,8 +14,10 @@ from gridslam.errors import InputError
 from gridslam.measurements import csv_table, network_files
 from gridslam.measurements.network_files import CLOCKS
 from gridslam.measurements.table import Measurements
+from gridslam.wording import counted
 from gridslam.world.clocks import ClockTruth
 from gridslam.world.columns import KEYS, OPTIONAL, VALUES, Columns
+from gridslam.world.given import whole_numbers
 from gridslam.world.names import folder_fault, same_folder
 from gridslam.world.network_scan import NetworkScan
 from gridslam.world.scan import Scan
@@ -58,7 +60,8 @@ class NetworkMeasurements:
     clocks: ClockTruth | None = None
 
     def __post_init__(self) -> None:
-        names, agent = tuple(self.agents), np.array(self.agent, np.intp)
+        names = tuple(self.agents)
+        agent = whole_numbers(self.agent, "measurements: agent", f"0 to {len(names) - 1}, one for each row")
         where = "measurements: agents"
         if not names:
             raise InputError(where, "none", "at least one")
@@ -96,6 +99,11 @@ class NetworkMeasurements:
             array.setflags(write=False)
         for key, value in (("agents", names), ("agent", agent), ("present", present)):
             object.__setattr__(self, key, value)
+
+    def __repr__(self) -> str:
+        """One line."""
+        size = f"{counted(len(self.agent), 'path')} in {counted(len(self), 'step')}"
+        return f"<NetworkMeasurements of {size}, agents {', '.join(self.agents)}>"
 
     def __len__(self) -> int:
         return len(self.table)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from gridslam.arrays import real
 from gridslam.errors import InputError
 from gridslam.world.columns import VALUES
+from gridslam.world.given import SECONDS, numbers
 
 Quantity = Mapping[str, Sequence[ArrayLike]]
 """Name of an anchor to N sequences, or an (N, M) array."""
@@ -45,7 +46,9 @@ def table(quantities: Mapping[str, Quantity], time_s: ArrayLike | None, interval
             )
     first = quantities["distance_m"]
     anchors, steps = tuple(first), max((len(rows) for rows in first.values()), default=0)
-    times = np.arange(steps) * interval_s if time_s is None else np.asarray(time_s, dtype=np.float64)
+    times = (
+        np.arange(steps) * interval_s if time_s is None else numbers(time_s, "measurements: time_s", SECONDS)
+    )
     if times.shape != (steps,):
         raise InputError("measurements: time_s", f"shape {times.shape}", f"shape ({steps},)")
     counts = _counts(quantities, anchors, steps)

@@ -18,12 +18,12 @@ from gridslam.measurements.simulated import Simulated
 from gridslam.wording import counted
 from gridslam.world.columns import MOST_STEPS
 from gridslam.world.geometry import wrap
+from gridslam.world.given import SECONDS, numbers, require_radians, unmasked
 from gridslam.world.names import label_fault
 from gridslam.world.signal_scan import SignalScan
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
 
-MOST_RAD = 8 * np.pi
 """Largest heading that may be one in radians, of an agent that has turned and turned."""
 
 
@@ -91,7 +91,8 @@ class Recording:
         }  # fmt: skip
         for name, wanted in shapes.items():
             if getattr(self, name) is not None:
-                arrays[name] = np.array(getattr(self, name), dtype=np.float64)
+                allowed = SECONDS if name == "time_s" else "numbers"
+                arrays[name] = numbers(getattr(self, name), f"signal: {name}", allowed)
                 if arrays[name].shape != wanted:
                     raise InputError(f"signal: {name}", f"shape {arrays[name].shape}", f"shape {wanted}")
                 if not np.isfinite(arrays[name]).all():
@@ -99,8 +100,7 @@ class Recording:
         if (np.diff(arrays["time_s"]) <= 0).any():
             raise InputError("signal: time_s", "times that don't rise", "strictly rising times")
         if "heading_rad" in arrays:
-            if (most := np.abs(arrays["heading_rad"]).max()) > MOST_RAD:
-                raise InputError("signal: heading_rad", f"{most:g}", "radians, four turns at most")
+            require_radians(arrays["heading_rad"], "signal")
             arrays["heading_rad"] = wrap(arrays["heading_rad"])
         for name, values in arrays.items():
             values.setflags(write=False)
@@ -207,7 +207,7 @@ class Recording:
         >>> round(recording.waveform.folding_m, 2), recording.samples.shape
         (29.98, (1, 1, 1, 1, 41))
         """
-        array = np.asarray(samples)
+        array = unmasked(samples)
         if array.ndim == 3:
             array = array[:, :, None, None]
         if array.ndim != 5 or array.dtype.kind not in "fiuc":
@@ -231,7 +231,7 @@ class Recording:
             None if noise_std is None else np.asarray(noise_std, np.float64), heading_std_rad,
         )  # fmt: skip
         even = np.asarray(interval_s * np.arange(steps), np.float64)
-        time: Array = even if time_s is None else np.asarray(time_s, np.float64)
+        time = even if time_s is None else numbers(time_s, "signal: time_s", SECONDS)
         there = np.ones((steps, count), dtype=bool) if heard is None else np.asarray(heard)
         return cls(samples=array, time_s=time, heard=there, waveform=waveform, anchors=tuple(anchors), **more)
 
@@ -311,7 +311,7 @@ def _names(anchors: Sequence[str]) -> tuple[str, ...]:
 def _samples(values: NDArray[Any]) -> NDArray[np.complex64]:
     """In single precision; what is larger than that holds is scaled by nobody but its owner."""
     with np.errstate(over="ignore", invalid="ignore"):
-        samples = np.array(values, dtype=np.complex64)
+        samples = np.array(unmasked(values), dtype=np.complex64)
     if samples.ndim != 5:
         raise InputError("signal: samples", f"shape {samples.shape}", "shape (K, J, A, B, M)")
     return samples

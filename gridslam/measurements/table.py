@@ -17,6 +17,7 @@ from gridslam.measurements.simulated import Simulated
 from gridslam.wording import counted
 from gridslam.world.columns import KEYS, MOST_STEPS, OPTIONAL, VALUES, Columns, check_columns, fill_missing
 from gridslam.world.geometry import wrap
+from gridslam.world.given import SECONDS, numbers, whole_numbers
 from gridslam.world.names import label_fault
 from gridslam.world.scan import Scan
 from gridslam.world.trajectory import Trajectory
@@ -102,10 +103,7 @@ class Measurements:
         arrays: Columns = {}
         for name, shape in shapes.items():
             if name in (*KEYS, *VALUES) or getattr(self, name) is not None:
-                kind = np.intp if name in ("step", "anchor") else np.float64
-                if np.iscomplexobj(getattr(self, name)):
-                    raise InputError(f"measurements: {name}", "complex numbers", "real ones")
-                arrays[name] = np.array(getattr(self, name), dtype=kind)
+                arrays[name] = _column(name, getattr(self, name))
                 if arrays[name].shape != shape:
                     raise InputError(f"measurements: {name}", f"shape {arrays[name].shape}", f"shape {shape}")
         for name in ("anchor_position_m", "anchor_orientation_rad"):
@@ -312,4 +310,18 @@ class Measurements:
         given |= {name: more.pop(name, None) for name in OPTIONAL}
         tables = {name: quantity for name, quantity in given.items() if quantity is not None}
         columns = per_step_arrays.table(tables, time_s, interval_s)
+        known = [field.name for field in fields(cls) if field.name not in columns]
+        for name in more:
+            if name not in known:
+                raise InputError("measurements: from_arrays", repr(name), ", ".join([*given, *known]))
         return cls(interval_s=interval_s, **{**columns, **more})
+
+
+def _column(name: str, given: object) -> NDArray[Any]:
+    """An array of its own, of whole numbers or of any."""
+    where = f"measurements: {name}"
+    if name == "step":
+        return whole_numbers(given, where, f"whole numbers, 0 to {MOST_STEPS - 1}")
+    if name == "anchor":
+        return whole_numbers(given, where, "whole numbers from 0: which of the anchors")
+    return numbers(given, where, SECONDS if name == "time_s" else "real numbers")

@@ -68,6 +68,7 @@ RECORD = (
           kind="list of text"),
     replace(_text("key.start", "as in the first line"), words=("drawn", "exact")),
     _text("key.gridslam", "version of the program"),
+    _text("source", "beginning of the SHA-256 of the file of a method of one's own; null of others"),
     _number("agents.NAME.cost.seconds_per_step", "s", "as in `run.json`"),
     _number("agents.NAME.cost.peak_memory_mb", "MB", "as in `run.json`"),
     Entry("agents.NAME.scores", "1", "as `agents.NAME` in `run.json`, without these two", NEVER,

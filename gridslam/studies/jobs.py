@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,7 +48,7 @@ class Variant:
 
     scene: str
     name: str
-    settings: tuple[tuple[str, Any], ...]
+    settings: tuple[tuple[str, Any], ...] = field(hash=False)  # values may be lists; the scene has them all
 
     @property
     def label(self) -> str:
@@ -90,6 +93,21 @@ class Job:
         }
 
 
+@cache
+def source_of(method: str) -> str | None:
+    """What the file that a method of one's own stands in holds, as a hash; None of those that are built in.
+
+    Results of a file that was edited since aren't those of the method any more. What it imports isn't in it.
+    """
+    if method in METHODS:
+        return None
+    try:
+        file = inspect.getsourcefile(method_class(method))
+        return hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16] if file else None
+    except (OSError, TypeError):
+        return None
+
+
 def takes_several(method: str) -> bool:
     """Whether a method takes several agents at once."""
     return method in METHODS and METHODS[method].several
@@ -103,14 +121,15 @@ def run_job(job: Job) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``key``; ``agents``: for each its ``scores`` (as in run.json), ``cost`` and ``steps``, arrays as lists
-        of float32, None for NaN; ``network``: scores of clocks and labels, of agents at once.
+        ``key``; ``source``, see `source_of`; ``agents``: for each its ``scores`` (as in run.json), ``cost``
+        and ``steps``, arrays as lists of float32, None for NaN; ``network``: scores of clocks and labels, of
+        agents at once.
     """
     with _ONE_AT_A_TIME:
         runtime.start("cpu", threads=1)
         scene = Scene.from_toml(job.variant.scene, job.variant.name)
         found = _at_once(job, scene) if takes_several(job.method) else _in_turn(job, scene)
-        return {"key": job.key} | found
+        return {"key": job.key, "source": source_of(job.method)} | found
 
 
 def _in_turn(job: Job, scene: Scene) -> dict[str, Any]:

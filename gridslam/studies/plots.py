@@ -156,7 +156,7 @@ def draw_cdf(own: Sequence[Batch]) -> Figure:
         panel.grid(alpha=0.3)
         errors = scale * np.abs(np.concatenate([batch.steps[name].ravel() for batch in own]))
         fit_axis(panel, "x", errors[errors <= np.nanquantile(errors, 0.995)])
-    axes[0].set_ylabel("share of steps")
+    axes[0].set_ylabel("share of steps, from the first")
     legend(figure, axes)
     return figure
 

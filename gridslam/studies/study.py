@@ -14,7 +14,7 @@ from typing import Any
 import gridslam
 from gridslam.errors import InputError
 from gridslam.studies.files import FORMAT, VERSION, Results
-from gridslam.studies.jobs import Job, Variant, run_job
+from gridslam.studies.jobs import Job, Variant, run_job, source_of
 from gridslam.studies.workers import LocalWorkers, Workers
 from gridslam.systems.registry import DEFAULT, METHODS, method_class, portable_name, taken_by
 from gridslam.world.network_scene import require_known_clocks
@@ -62,8 +62,9 @@ class Study:
             raise InputError("study: scenes", ", ".join(names) or "none", "scenes of different names")
         methods = tuple(portable_name(method, "study: method") for method in self.methods)
         object.__setattr__(self, "methods", methods)
-        for what, values in (("methods", self.methods), ("seeds", self.seeds)):
-            if not values or len(set(values)) < len(values):
+        whole = dict(methods=self.methods, seeds=self.seeds) | {f"--set {key}": v for key, v in self.settings}
+        for what, values in (whole | ({"agents": self.agents} if self.agents else {})).items():
+            if not values or any(value in values[:number] for number, value in enumerate(values)):
                 raise InputError(f"study: {what}", str(list(values)), "one or more, each once")
         for scene in self.scenes:
             for name in self._agents(scene):
@@ -182,7 +183,8 @@ def run_study(
     Raises
     ------
     InputError
-        The folder holds something else, another study or version; the scheduler can't be reached; workers
+        The folder holds something else, another study or version, or runs of a method whose file was edited
+        since; the scheduler can't be reached; workers
         keep dying or have another version; all runs are refused for the same reason. What was finished stays.
     """
     workers = LocalWorkers() if workers is None else workers
@@ -198,6 +200,7 @@ def run_study(
             if number is None:
                 others.append(record)
             else:
+                _same_source(f"{results.path}", record, jobs[number].method)
                 records[number] = record
         left = [number for number, record in enumerate(records) if record is None]
         if progress is not None:
@@ -237,6 +240,14 @@ def _changed(scene: Scene, changes: Sequence[tuple[str, Any]]) -> Scene:
             raise InputError(f"--set {key}", "no such table in a scene", "e.g. filter.births=0.1,0.2")
         table[last] = value
     return Scene.checked(whole, scene.name) if changes else scene
+
+
+def _same_source(where: str, record: Mapping[str, Any], method: str) -> None:
+    """Refuse to count runs of what a method of one's own was before it was edited."""
+    was, now = record.get("source"), source_of(method)
+    if was is not None and now is not None and was != now:
+        allowed = "its runs as it is now (another folder, or --overwrite)"
+        raise InputError(f"{where}: {method}", "runs of another state of its file", allowed)
 
 
 def _same_version(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> None:

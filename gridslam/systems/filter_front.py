@@ -12,8 +12,6 @@ import time
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
-import numpy as np
-
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.errors import InputError
@@ -24,6 +22,7 @@ from gridslam.maps.run_identity import Identity, refuse_heard
 from gridslam.systems.far_regions import about, middle_of, moved_map
 from gridslam.wording import counted
 from gridslam.world.filter_model import FilterModel
+from gridslam.world.given import finite, require_radians
 from gridslam.world.network_scene import require_in_reach
 from gridslam.world.observation import Kind, Observation
 from gridslam.world.scan import Scan, require_step
@@ -108,7 +107,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         self.scene, self.seed = scene, seed
         self.model = self._model(self._about_middle(scene.filter_model(agent)))
         self.agent = self.model.agent
-        self.work = self._workspace()
+        self.work, self.turns = self._workspace(), runtime.Turns()
         prior = None
         if prior_map is not None:
             prior, _ = fitted(prior_map, scene, same_frame=same_frame)
@@ -228,14 +227,17 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         state = self.state
         if state.step or state.time_s is not None:
             raise InputError("start", f"told after {self.now.identity.scans} steps", "before the first")
-        pose = np.array([*np.reshape(position_m, 2), heading_rad], dtype=np.float64)
-        if not np.isfinite(pose).all():
-            raise InputError("start", str(pose.tolist()), "finite numbers")
-        moved = self._begun(self.moved(state, pose[:2] - self.model.origin_m, float(pose[2])))
+        position, heading = finite(position_m, "start: position_m"), finite(heading_rad, "start: heading_rad")
+        if (position.shape, heading.shape) != ((2,), ()):
+            raise InputError(
+                "start", f"shapes {position.shape} and {heading.shape}", "(2,) m, and one number"
+            )
+        require_radians(heading, "start")
+        moved = self._begun(self.moved(state, position - self.model.origin_m, float(heading)))
         self.now = self.now._replace(believed=moved)
 
     def step(self, scan: Observed) -> Estimate:
-        """Process what was heard at one step and return the estimates after it.
+        """Process what was heard at one step and return the estimates after it; threads take turns.
 
         Raises
         ------
@@ -245,17 +247,17 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             distance of the first is one that the radio measures; the filter stays as it was.
         """
         began = time.perf_counter()
-        scan = self._checked(scan, self.state.time_s)
-        require_step(scan.step, self.now.number)
-        identity = self.now.identity.after(scan)
-        if identity.scans == 1:
-            refuse_heard(self.provenance, identity)
-            require_in_reach(scan, self.scene)
-        with runtime.one_blas_thread():
+        with self.turns, runtime.one_blas_thread():
+            scan = self._checked(scan, self.state.time_s)
+            require_step(scan.step, self.now.number)
+            identity = self.now.identity.after(scan)
+            if identity.scans == 1:
+                refuse_heard(self.provenance, identity)
+                require_in_reach(scan, self.scene)
             believed, info = self._advanced(scan)
             estimate = self.estimate(believed, scan, info, began)
-        # last and at once: whatever interrupts a step leaves the moment before
-        self.now = Moment(believed, identity, info, scan.step)
+            # last and at once: whatever interrupts a step leaves the moment before
+            self.now = Moment(believed, identity, info, scan.step)
         return estimate
 
     def _checked(self, scan: Observed, after: float | None) -> Observed:

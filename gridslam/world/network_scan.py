@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
+from gridslam.world.given import time_of
 from gridslam.world.scan import Scan, require_time
 
 
@@ -60,9 +61,18 @@ class NetworkScan:
             Another number of agents, rows at another time, a time that is NaN or not later than that
             of the scan before, or any fault of a row; see `Scan.checked`.
         """
-        require_time("scan", self.time_s, after)
+        if isinstance(self.scans, Mapping) or not all(isinstance(s, Scan | None) for s in self.scans):
+            raise InputError(
+                "scan: scans", type(self.scans).__name__, "a Scan for each agent, in order, or None"
+            )
+        require_time("scan", time_of(self.time_s, "scan"), after)
         if agents is not None and len(self.scans) != agents:
-            raise InputError("scan: scans", f"{len(self.scans)} agents", f"{agents}, None for an absent one")
+            raise InputError(
+                "scan: scans",
+                f"{len(self.scans)} agents",
+                f"{agents}, None for an absent one"
+                + (" (agents=[...] follows several)" if agents == 1 else ""),
+            )
         whole = []
         for scan in self.scans:
             if scan is not None and (scan.step, scan.time_s) != (self.step, self.time_s):

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, real
 from gridslam.errors import InputError
+from gridslam.wording import counted
 from gridslam.world.columns import DEVIATIONS, ELEVATIONS, OPTIONAL, VALUES, check_columns
+from gridslam.world.given import time_of
 
 BLANK = {"blank": True}
 """Of columns that may hold NaN, where a checkpoint keeps a scan."""
@@ -60,6 +62,10 @@ class Scan:
     aod_elevation_std_rad: Array | None = field(default=None, metadata=BLANK)
     aoa_elevation_std_rad: Array | None = field(default=None, metadata=BLANK)
 
+    def __repr__(self) -> str:
+        """One line."""
+        return f"<Scan of {counted(np.size(self.anchor), 'path')}, step {self.step} at {self.time_s} s>"
+
     def __len__(self) -> int:
         return len(self.anchor)
 
@@ -100,8 +106,8 @@ class Scan:
             or isn't later than that of the scan before.
         """
         given = {name: getattr(self, name) for name in (*VALUES, *OPTIONAL)}
+        time = time_of(self.time_s, "scan")
         try:
-            time = float(self.time_s)
             anchor = _numbers_of_anchors(self.anchor, anchors)
             given |= {n: np.full(anchor.shape, np.nan) for n in VALUES if given[n] is None}
             columns = {n: real(v) for n, v in given.items() if v is not None}

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.errors import InputError
+from gridslam.world.given import require_radians, time_of, unmasked
 from gridslam.world.scan import require_time
 
 
@@ -65,9 +66,9 @@ class SignalScan:
             Other shapes, samples of a heard anchor that are NaN, infinite or all 0, a heading that isn't
             finite, or a time that is NaN or isn't later than that of the scan before.
         """
+        time = time_of(self.time_s, "signal")
         try:
-            time = float(self.time_s)
-            samples = np.array(self.samples, np.complex128)
+            samples = np.array(unmasked(self.samples), np.complex128)
             heard = np.array(self.heard)
             heading = None if self.heading_rad is None else float(self.heading_rad)
         except (TypeError, ValueError, OverflowError) as error:
@@ -90,5 +91,6 @@ class SignalScan:
         require_time("signal", time, after)
         if heading is not None and not np.isfinite(heading):
             raise InputError("signal: heading_rad", str(heading), "a finite number, or None")
+        require_radians(heading or 0.0, "signal")
         samples[~heard] = 0
         return replace(self, time_s=time, samples=samples, heard=heard, heading_rad=heading)

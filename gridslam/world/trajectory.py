@@ -12,6 +12,7 @@ from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.io.files import write_bytes
 from gridslam.world.geometry import wrap
+from gridslam.world.given import SECONDS, numbers, require_radians
 
 TUM_COLUMNS = "timestamp tx ty tz qx qy qz qw"
 
@@ -54,12 +55,15 @@ class Trajectory:
         if self.height_m is not None:
             shapes["height_m"] = (count,)
         for name, shape in shapes.items():
-            values = np.array(getattr(self, name), dtype=np.float64)
+            allowed = SECONDS if name == "time_s" else "numbers"
+            values = numbers(getattr(self, name), f"trajectory: {name}", allowed)
             if values.shape != shape:
                 raise InputError(f"trajectory: {name}", f"shape {values.shape}", f"shape {shape}")
             if not np.isfinite(values).all():
                 raise InputError(f"trajectory: {name}", "NaN or infinity", "finite numbers")
-            values = wrap(values) if name == "heading_rad" else values
+            if name == "heading_rad":
+                require_radians(values, "trajectory")
+                values = wrap(values)
             values.setflags(write=False)
             object.__setattr__(self, name, values)
         if (np.diff(self.time_s) <= 0).any():

@@ -18,6 +18,7 @@ from gridslam.errors import InputError
 from gridslam.runs.network_run import map_network
 from gridslam.simulation.network import simulate_network
 from gridslam.studies.batches import batches
+from gridslam.studies.jobs import source_of
 from gridslam.studies.study import Study, identity, run_study
 from gridslam.studies.tables import run_rows
 from gridslam.world.scene import Scene
@@ -161,6 +162,8 @@ def test_worker_of_another_version_is_refused(scene, tmp_path, monkeypatch):
         ({"methods": ("grid", "grid")}, "each once"),
         ({"seeds": ()}, "one or more"),
         ({"agents": ("nobody",)}, "nobody"),
+        ({"agents": ("agent1", "agent1")}, "agents: found .*each once"),
+        ({"settings": (("filter.births", (0.1, 0.2, 0.1)),)}, "--set filter.births: found .*each once"),
         ({"settings": (("filter.particle", (1,)),)}, "particles"),
         ({"settings": (("radios.snr_at_1m_db", (1,)),)}, "no such table"),
         ({"settings": (("filter.particles.x", (1,)),)}, "no such table"),
@@ -174,6 +177,50 @@ def test_worker_of_another_version_is_refused(scene, tmp_path, monkeypatch):
 def test_study_that_cannot_be_run_is_refused_before_anything_is_written(scene, more, says):
     with pytest.raises(InputError, match=says):
         Study(**{"scenes": (scene,), **more})
+
+
+def test_settings_may_be_lists(scene, tmp_path):
+    """What a radio measures, say: every run is in a batch of its own settings, and told of."""
+    varied = (("radio.measures", (["distance", "aoa"], ["distance", "aod", "aoa"])),)
+    outcome = run_study(plan(scene, 2, settings=varied), tmp_path / "s", Here())
+    found = batches(outcome)
+    assert [len(batch.records) for batch in found] == [2, 2] * len(AGENTS)
+    assert len(run_rows(found)) == 4 * len(AGENTS)
+
+
+OWN = """
+class Own:
+    def __init__(self, scene, prior_map=None, agent=None, seed=0):
+        self.agent = agent
+    def step(self, scan):
+        pass
+    def map(self):
+        pass
+"""
+
+
+def test_runs_of_a_method_that_was_edited_since_are_not_counted(scene, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    file = tmp_path / "edited_method.py"
+    file.write_text(OWN)
+    own = plan(scene, 2, methods=("edited_method:Own",))
+
+    class Told(Here):
+        def run(self, work, tasks):
+            for index, record in super().run(work, tasks):
+                yield index, record | {"source": source_of("edited_method:Own")}
+
+    assert run_study(own, tmp_path / "s", Told()).fresh == 2
+    assert run_study(own, tmp_path / "s", Told()).fresh == 0
+    before = (tmp_path / "s" / "study.jsonl").read_bytes()
+    file.write_text(OWN + "# better\n")
+    source_of.cache_clear()  # as another process begins
+    with pytest.raises(InputError, match="edited_method:Own: found runs of another state of its file"):
+        run_study(own, tmp_path / "s", Told())
+    assert (tmp_path / "s" / "study.jsonl").read_bytes() == before
+    assert run_study(plan(scene, 2), tmp_path / "s", Told()).fresh == 2, "other methods go on"
+    assert run_study(own, tmp_path / "s", Told(), overwrite=True).fresh == 2
+    assert source_of("grid") is None
 
 
 def test_jobs_are_every_combination_once(scene):

@@ -63,6 +63,11 @@ class NetworkEstimate:
     unset: NDArray[np.bool_]
     anchor: dict[str, NDArray[np.intp]]
 
+    def __repr__(self) -> str:
+        """One line for each agent."""
+        said = (f"{name}: {'not there' if own is None else own}" for name, own in self.agents.items())
+        return "\n".join([f"<NetworkEstimate of step {self.step} at {self.time_s} s", *said]) + ">"
+
 
 def network_estimate(
     population: Population[NetworkState], scan: NetworkScan, infos: Sequence[StepInfo | None],
