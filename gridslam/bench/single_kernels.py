@@ -134,11 +134,12 @@ def sight_filter_speed(seconds: float) -> KernelSpeed:
     )  # fmt: skip
     some = draw.normal(size=(SIGHT_PARTICLES, column.PARTICLE))
     some[:, column.PACE], some[:, column.SIZE] = 0.1, 0.0
-    particle, chance = np.stack([some, some]), np.empty((SIGHT_PARTICLES, 2 * SIGHT_ROWS + 3))
+    particle = np.stack([some, some])
+    line = np.empty((2 * SIGHT_ROWS + 2 + column.LINES, SIGHT_PARTICLES))
     place, likeliest = np.empty((SIGHT_STEPS, 3)), np.empty((scans, 3))
     return race(
         "follow_sights", f"{SIGHT_STEPS} steps", "row-particle", len(row) * SIGHT_PARTICLES, seconds, 1.0,
-        lambda: follow_sights(tables, particle, chance, place, likeliest),
-        lambda: follow_sights(tables, particle, chance, place[:0], likeliest),
+        lambda: follow_sights(tables, particle, line, place, likeliest),
+        lambda: follow_sights(tables, particle, line, place[:0], likeliest),
         lambda: reference.follow_sights(tables, some),
     )  # fmt: skip

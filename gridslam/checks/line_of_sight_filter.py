@@ -195,7 +195,7 @@ def _followed(tables: Sights, some: Array) -> tuple[Array, Array, Array]:
         np.empty((scans, 3)),
     )
     particle[0, : len(some)] = some
-    follow_sights(tables, particle, np.empty((count, most + 1)), place, likeliest)
+    follow_sights(tables, particle, np.empty((most + column.LINES, count)), place, likeliest)
     return place, likeliest, particle[steps % 2, : tables.step[-1, column.COUNT]]
 
 

@@ -8,7 +8,9 @@ from gridslam.kernels.primitives.packing import pack
 from gridslam.kernels.primitives.sights import (
     ADDED,
     AFTER,
+    AHEAD,
     ANCHOR,
+    ARRIVAL,
     BEHIND,
     COUNT,
     DRAWS,
@@ -18,6 +20,8 @@ from gridslam.kernels.primitives.sights import (
     HEIGHT,
     IN_SIGHT,
     LASTING,
+    LENGTH,
+    LINES,
     PACE,
     PARTICLE,
     PEAK,
@@ -32,6 +36,7 @@ from gridslam.kernels.primitives.sights import (
     TILT,
     TURN,
     VALUES,
+    WEIGHT,
     WIDEST,
     WORLD,
     Sights,
@@ -94,40 +99,69 @@ def length_to(sights: ti.template(), particle: ti.template(), half, a, p):
 
 
 @ti.func
-def weighed(sights: ti.template(), particle: ti.template(), chance: ti.template(), half, q, p, first, clear):
-    """Likelihood of a scan at a particle, over that of any paths; the ratios of its rows, one by one, in
-    `chance`."""
-    a, begin, end = sights.scan[q, ANCHOR], sights.scan[q, ROWS], sights.scan[q + 1, ROWS]
-    x, y = particle[half, p, PLACE], particle[half, p, PLACE + 1]
-    direction = bearing_of(x - sights.anchor[a, X], y - sights.anchor[a, Y])
-    length = length_to(sights, particle, half, a, p)
-    behind = direction + PI - (1 - sights.choice[WORLD]) * particle[half, p, HEADING]
-    ahead, total = direction - sights.anchor[a, FACING], ti.f64(0.0)
-    for r in range(begin, end):
-        gap, ratio = (sights.row[r, VALUES] - length) * sights.row[r, SURE], ti.f64(0.0)
-        if gap * gap < FAR:
-            off = wrapped(sights.row[r, VALUES + 1] - ahead) * sights.row[r, SURE + 1]
-            turn = wrapped(sights.row[r, VALUES + 2] - behind) * sights.row[r, SURE + 2]
-            square = gap * gap + off * off + turn * turn
-            if square < FAR:
-                ratio = sights.row[r, PEAK] * decay_of(-0.5 * square)
-        chance[p, r - first] = ratio
-        total += ratio
-    expected = sights.choice[IN_SIGHT] if clear else sights.choice[BEHIND]
-    return 1 - expected + expected * total / (end - begin), expected / (end - begin)
+def foreseen(sights: ti.template(), particle: ti.template(), line: ti.template(), half, q, count, spare):
+    """What each particle expects of a line of sight: its length, and how it departs and arrives if the scan
+    has angles, which take longest."""
+    a, world, angles = sights.scan[q, ANCHOR], sights.choice[WORLD], ti.f64(0.0)
+    px, py, facing = sights.anchor[a, X], sights.anchor[a, Y], sights.anchor[a, FACING]
+    for r in range(sights.scan[q, ROWS], sights.scan[q + 1, ROWS]):
+        angles += sights.row[r, SURE + 1] + sights.row[r, SURE + 2]
+    for p in range(count):
+        line[spare + LENGTH, p] = length_to(sights, particle, half, a, p)
+    if angles > 0:
+        for p in range(count):
+            x, y, heading = particle[half, p, PLACE], particle[half, p, PLACE + 1], particle[half, p, HEADING]
+            direction = bearing_of(x - px, y - py)
+            line[spare + AHEAD, p] = direction - facing
+            line[spare + ARRIVAL, p] = direction + PI - (1 - world) * heading
+    else:
+        for p in range(count):
+            line[spare + AHEAD, p] = line[spare + ARRIVAL, p] = 0.0
 
 
 @ti.func
-def redrawn(sights: ti.template(), particle: ti.template(), weight: ti.template(), half, s, top):
+def compared(sights: ti.template(), line: ti.template(), q, count, first, sums, spare):
+    """Ratio of each row of a scan to any path at each particle, in a line each, and their sums.
+
+    Rows outside: what is read of one then waits in registers while particles are gone through, in order.
+    """
+    for p in range(count):
+        line[sums, p] = 0.0
+    for r in range(sights.scan[q, ROWS], sights.scan[q + 1, ROWS]):
+        length, departure, arrival = (
+            sights.row[r, VALUES],
+            sights.row[r, VALUES + 1],
+            sights.row[r, VALUES + 2],
+        )
+        by_length, by_departure, by_arrival = (
+            sights.row[r, SURE],
+            sights.row[r, SURE + 1],
+            sights.row[r, SURE + 2],
+        )
+        peak = sights.row[r, PEAK]
+        for p in range(count):
+            gap, ratio = (length - line[spare + LENGTH, p]) * by_length, ti.f64(0.0)
+            if gap * gap < FAR:
+                off = wrapped(departure - line[spare + AHEAD, p]) * by_departure
+                turn = wrapped(arrival - line[spare + ARRIVAL, p]) * by_arrival
+                square = gap * gap + off * off + turn * turn
+                if square < FAR:
+                    ratio = peak * decay_of(-0.5 * square)
+            line[r - first, p] = ratio
+            line[sums, p] += ratio
+
+
+@ti.func
+def redrawn(sights: ti.template(), particle: ti.template(), line: ti.template(), half, s, top):
     """Draw as many particles as are left, systematically by their weights, into the other half."""
     count, left, sized = sights.step[s, COUNT], sights.step[s + 1, COUNT], sights.choice[SHRINKAGE] > 0
     first = sights.step[s, DRAWS] + 3 * count
-    chosen, sofar, mean = 0, weight[0, top], ti.f64(0.0)
+    chosen, sofar, mean = 0, line[top, 0], ti.f64(0.0)
     for p in range(left):
         place = (sights.draw[first] + p) / left
         while sofar < place and chosen < count - 1:
             chosen += 1
-            sofar += weight[chosen, top]
+            sofar += line[top, chosen]
         for i in range(PARTICLE):
             particle[1 - half, p, i] = particle[half, chosen, i]
         mean += particle[half, chosen, SIZE] / left
@@ -147,9 +181,8 @@ def follow_sights(
     sights: pack(Sights),
     particle: ti.types.ndarray(dtype=ti.f64, ndim=3),  # [2, P, 10] in: the first half. Out: those after the
     # last step, in either half, by turns; the other one is scratch
-    chance: ti.types.ndarray(
-        dtype=ti.f64, ndim=2
-    ),  # [P, B] scratch: rows and scans of any step, and one more
+    line: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [B, P] scratch: a line for each row and scan of any step,
+    # and `LINES` more
     place: ti.types.ndarray(dtype=ti.f64, ndim=2),  # [S, 3] out: log evidence of a step, mean position
     likeliest: ti.types.ndarray(
         dtype=ti.f64, ndim=2
@@ -159,45 +192,49 @@ def follow_sights(
     """Follow the agent through all steps: motion, weights by the lines of sight, and drawing anew."""
     ti.loop_config(serialize=True)  # a step needs the one before
     for s in range(place.shape[0]):
-        half, count, top = s % 2, sights.step[s, COUNT], chance.shape[1] - 1
-        begin, end = sights.step[s, SCANS], sights.step[s + 1, SCANS]
+        half, count, spare = s % 2, sights.step[s, COUNT], line.shape[0] - LINES
+        begin, end, top = sights.step[s, SCANS], sights.step[s + 1, SCANS], spare + WEIGHT
         first, mx, my = sights.scan[begin, ROWS], ti.f64(0.0), ti.f64(0.0)
-        behind = sights.scan[end, ROWS] - first  # where the scans' own lines of scratch begin
+        behind = sights.scan[end, ROWS] - first  # where the scans' own lines begin
         for p in range(count):
             moved(sights, particle, half, s, p)
             mx += particle[half, p, PLACE] / count
             my += particle[half, p, PLACE + 1] / count
-            chance[p, top] = 0.0
+            line[top, p] = 0.0
         for q in range(begin, end):
-            a = sights.scan[q, ANCHOR]
+            a, own = sights.scan[q, ANCHOR], behind + q - begin
+            rows = sights.scan[q + 1, ROWS] - sights.scan[q, ROWS]
+            foreseen(sights, particle, line, half, q, count, spare)
+            compared(sights, line, q, count, first, own, spare)
             clear = in_view(sights, a, mx, my)
             for p in range(count):
                 if sights.choice[THOROUGH] > 0:
                     clear = in_view(sights, a, particle[half, p, PLACE], particle[half, p, PLACE + 1])
-                total, share = weighed(sights, particle, chance, half, q, p, first, clear)
-                chance[p, top] += logarithm_of(total)
-                chance[p, behind + q - begin] = share / total
-        most, sum_of, x, y = chance[0, top], ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
+                expected = sights.choice[IN_SIGHT] if clear else sights.choice[BEHIND]
+                total = 1 - expected + expected * line[own, p] / rows
+                line[top, p] += logarithm_of(total)
+                line[own, p] = expected / rows / total
+        most, sum_of, x, y = line[top, 0], ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
         for p in range(count):
-            most = ti.max(most, chance[p, top])
+            most = ti.max(most, line[top, p])
         for p in range(count):
-            chance[p, top] = decay_of(chance[p, top] - most)
-            sum_of += chance[p, top]
+            line[top, p] = decay_of(line[top, p] - most)
+            sum_of += line[top, p]
         for p in range(count):
-            chance[p, top] /= sum_of
-            x += chance[p, top] * particle[half, p, PLACE]
-            y += chance[p, top] * particle[half, p, PLACE + 1]
+            line[top, p] /= sum_of
+            x += line[top, p] * particle[half, p, PLACE]
+            y += line[top, p] * particle[half, p, PLACE + 1]
         place[s, 0], place[s, 1], place[s, 2] = most + logarithm_of(sum_of / count), x, y
         for q in range(begin, end):
             best, highest, whole, length = sights.scan[q, ROWS], ti.f64(-1.0), ti.f64(0.0), ti.f64(0.0)
             for r in range(sights.scan[q, ROWS], sights.scan[q + 1, ROWS]):
                 own = ti.f64(0.0)
                 for p in range(count):
-                    own += chance[p, r - first] * chance[p, behind + q - begin] * chance[p, top]
+                    own += line[r - first, p] * line[behind + q - begin, p] * line[top, p]
                 whole += own
                 if own > highest:
                     best, highest = r, own
             for p in range(count):
-                length += chance[p, top] * length_to(sights, particle, half, sights.scan[q, ANCHOR], p)
+                length += line[top, p] * length_to(sights, particle, half, sights.scan[q, ANCHOR], p)
             likeliest[q, 0], likeliest[q, 1], likeliest[q, 2] = ti.cast(best, ti.f64), whole, length
-        redrawn(sights, particle, chance, half, s, top)
+        redrawn(sights, particle, line, half, s, top)

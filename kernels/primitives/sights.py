@@ -23,6 +23,9 @@ from the mean, at each redrawing, or 0 without sizes."""
 PLACE, HEADING, PACE, GOING, SIZE, BEGUN, PARTICLE = 0, 2, 3, 4, 6, 7, 10
 """By particle: x, y (m); heading (rad); deviation of a step (m); the latest step, in paces (2); size of the
 error in distances (m); where it began and how it faced (3); and how many columns there are."""
+WEIGHT, LENGTH, AHEAD, ARRIVAL, LINES = range(5)
+"""Lines of scratch behind those of rows and scans: weights of particles; length (m), departure and arrival
+(rad) of the line of sight that each expects; and how many these are."""
 
 
 class Sights(NamedTuple):

@@ -19,7 +19,8 @@ def follow(tables, some):
     particle, place = np.zeros((2, most, column.PARTICLE)), np.empty((steps, 3))
     likeliest = np.empty((len(tables.scan) - 1, 3))
     particle[0, : len(some)] = some
-    follow_sights(tables, particle, np.empty((most, len(tables.row) + len(tables.scan))), place, likeliest)
+    line = np.empty((len(tables.row) + len(tables.scan) + column.LINES, most))
+    follow_sights(tables, particle, line, place, likeliest)
     return place, likeliest, particle[steps % 2, : tables.step[-1, column.COUNT]]
 
 
