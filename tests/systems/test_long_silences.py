@@ -38,18 +38,17 @@ def test_it_is_found_at_once_by_what_it_has_mapped(name, pause_s, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pause_s", [60.0, 1.8e9])
-def test_by_samples_of_single_antennas_it_is_looked_for_and_health_says_so(pause_s, tmp_path):
+@pytest.mark.parametrize(("seed", "pause_s"), [(2, 60.0), (3, 1.8e9)])
+def test_by_samples_of_single_antennas_it_is_looked_for_and_health_says_so(seed, pause_s, tmp_path):
+    """Minutes leave no more of where it is than decades do: it is searched for as at the first step."""
     scene = gs.Scene.load("overlap")
-    for seed in (2, 3, 4):
-        heard = gs.simulate(scene, "agent1", seed, what="signal")
-        rows, well, slam = after_a_pause(
-            lambda heard=heard: gs.DirectSlam(scene, waveform=heard.waveform),
-            heard, scene.track("agent1"), pause_s,
-        )  # fmt: skip
-        side = np.array([scene.grid.x_m, scene.grid.y_m])
-        assert rows[:, 0].max() < np.hypot(*np.ptp(side, axis=1))  # in the region; before, 70 m off
-        wrong = (rows[:, 0] > 0.5) & (rows[:, 0] > 4 * rows[:, 1])
-        assert not (wrong & well).any()
-        slam.save(tmp_path / "state.h5")
-        gs.DirectSlam.resume(tmp_path / "state.h5")
+    heard = gs.simulate(scene, "agent1", seed, what="signal")
+    rows, well, slam = after_a_pause(
+        lambda: gs.DirectSlam(scene, waveform=heard.waveform), heard, scene.track("agent1"), pause_s, 16
+    )
+    side = np.array([scene.grid.x_m, scene.grid.y_m])
+    assert rows[:, 0].max() < np.hypot(*np.ptp(side, axis=1))  # in the region; before, 70 m off
+    wrong = (rows[:, 0] > 0.5) & (rows[:, 0] > 4 * rows[:, 1])
+    assert not (wrong & well).any()
+    slam.save(tmp_path / "state.h5")
+    gs.DirectSlam.resume(tmp_path / "state.h5")
