@@ -3,6 +3,7 @@
 import math
 import tracemalloc
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -51,21 +52,27 @@ BAD = {
 }  # fmt: skip
 
 
+@cache
+def begun(method):
+    """A filter, where it stands after three steps, and what another one makes of the next two."""
+    one, two = (method_class(method)(SCENE, seed=1) for _ in range(2))
+    for scan in SCANS[:3]:
+        one.step(scan)
+    return one, one.now, [two.step(scan) for scan in SCANS[:5]][3:]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
 def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
     spoil, says = BAD[case]
     methods = sorted(name for name, entry in METHODS.items() if entry.takes == "paths" and not entry.several)
-    method = method_class(methods[len(case) % len(methods)])
-    one, two = method(SCENE, seed=1), method(SCENE, seed=1)
-    for scan in SCANS[:3]:
-        one.step(scan)
-        two.step(scan)
+    one, three_steps_on, undisturbed = begun(methods[len(case) % len(methods)])
+    one.now = three_steps_on
     with pytest.raises(gs.InputError, match=says) as refused:
         one.step(spoil(SCANS[3]))
     assert "\n" not in str(refused.value)
-    for scan in SCANS[3:5]:
-        here, there = one.step(scan), two.step(scan)
+    for scan, there in zip(SCANS[3:5], undisturbed, strict=True):
+        here = one.step(scan)
         np.testing.assert_array_equal(here.position_m, there.position_m)
         np.testing.assert_array_equal(here.covariance, there.covariance)
 
