@@ -299,7 +299,7 @@ def test_a_checkpoint_holds_parked_surfaces_and_goes_on_bit_for_bit(system, crow
 
 @pytest.mark.slow
 def test_once_around_a_building_of_60_walls_the_first_rooms_are_the_same_walls_again():
-    scene = gs.Scene.load("building").with_filter(particles=256)
+    scene = gs.Scene.load("building").with_filter(particles=64)
     truth = AudibleSurfaces.of(ground_truth(scene, "agent1"))
     scans = gs.simulate(scene, "agent1", seed=41)
     slam = gs.GridSlam(scene, seed=41)
