@@ -166,7 +166,7 @@ def test_rows_of_anchors_that_the_scene_lacks_are_passed_over():
 @pytest.mark.slow
 def test_the_command_line_maps_room_and_repeats_bit_for_bit(say, tmp_path):
     """In a process of its own, with other threads: all files of the run are compared, so few steps do."""
-    (tmp_path / "short.toml").write_text(shortened(gs.Scene.load("room"), 20).to_toml())
+    (tmp_path / "short.toml").write_text(shortened(gs.Scene.load("room"), 6).to_toml())
     words = ["run", "short.toml", "-o"]
     assert say(*words, "here").code == 0
     threads = "1" if taichi_inside.threads() > 1 else "3"
