@@ -215,7 +215,6 @@ def test_vague_starts_end_right_and_never_silently_wrong():
             ("room", 1, ("distance", "aod", "aoa", "amplitude")),
             ("alcove", 2, ("distance", "aoa", "amplitude")),
         ]
-        * 2
     ):
         scene = shortened(gs.Scene.load(name), 30).with_filter(particles=256)
         radio = scene.radio.model_copy(update={"measures": measures})

