@@ -12,8 +12,7 @@ from gridslam.world.geometry import wrap
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["room", "alcove"])
-@pytest.mark.parametrize("off_deg", [30, -30])
+@pytest.mark.parametrize(("name", "off_deg"), [("room", -30), ("alcove", 30)])
 def test_arrivals_or_a_start_heading_that_are_30_degrees_off_are_suspected(name, off_deg):
     """They were followed back to the right heading within some steps, and nothing was said."""
     scene, off = short(name, 60), np.radians(off_deg)

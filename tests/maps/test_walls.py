@@ -296,7 +296,7 @@ def test_no_ray_gets_through_any_wall_of_the_exported_map(tmp_path_factory, ends
 @pytest.mark.parametrize("name", ["room", "alcove", "canyon"])
 def test_no_ray_gets_through_the_walls_that_a_run_found(tmp_path, name):
     scene = shortened(gs.Scene.load(name), 60)
-    done = gs.map_scene(scene, gs.simulate(scene, "agent1", 1), seed=1, particles=1000).map
+    done = gs.map_scene(scene, gs.simulate(scene, "agent1", 1), seed=1, particles=300).map
     done.to_nav2(tmp_path)
     _, values = nav2_load(tmp_path, "map")
     walls = done.wall_segments()

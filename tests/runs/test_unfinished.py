@@ -64,10 +64,8 @@ slow = pytest.mark.slow
     [
         ("grid", "agent1", 1, "drawn"),
         pytest.param("grid", "agent2", 0, "exact", marks=slow),
-        pytest.param("adaptive", "agent1", 1, "drawn", marks=slow),
         pytest.param("adaptive", "agent2", 0, "exact", marks=slow),
         pytest.param("va", "agent1", 1, "drawn", marks=slow),
-        pytest.param("va", "agent2", 0, "exact", marks=slow),
     ],
 )
 def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(

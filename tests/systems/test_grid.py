@@ -101,6 +101,16 @@ def test_a_foreign_checkpoint_is_refused(tmp_path):
         gs.GridSlam.resume(tmp_path / "no.h5")
 
 
+@pytest.fixture(scope="module")
+def three_steps_on():
+    """A filter that is written, and not stepped on."""
+    scene = shortened(gs.Scene.load("room"), 3)
+    slam = gs.GridSlam(scene, seed=4)
+    for scan in gs.simulate(scene, "agent1", 4):
+        slam.step(scan)
+    return slam
+
+
 @pytest.mark.parametrize(
     ("name", "shape"),
     [
@@ -110,11 +120,7 @@ def test_a_foreign_checkpoint_is_refused(tmp_path):
         ("calibration/turn", (7,)),
     ],
 )
-def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
-    scene = shortened(gs.Scene.load("room"), 3)
-    slam = gs.GridSlam(scene, seed=4)
-    for scan in gs.simulate(scene, "agent1", 4):
-        slam.step(scan)
+def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, three_steps_on, name, shape):
     put = files.put
 
     def spoiled(group, own, value, units):
@@ -123,7 +129,7 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(values, "put", spoiled)
-        slam.save(tmp_path / "checkpoint.h5")
+        three_steps_on.save(tmp_path / "checkpoint.h5")
     with pytest.raises(gs.InputError, match=name.split("/")[1]):
         gs.GridSlam.resume(tmp_path / "checkpoint.h5")
 
@@ -139,12 +145,8 @@ def test_a_checkpoint_whose_parts_do_not_fit_is_refused(tmp_path, name, shape):
     ],
 )
 @pytest.mark.slow
-def test_a_checkpoint_whose_numbers_cannot_be_is_refused(tmp_path, name, place, value):
-    scene = shortened(gs.Scene.load("room"), 3)
-    slam = gs.GridSlam(scene, seed=4)
-    for scan in gs.simulate(scene, "agent1", 4):
-        slam.step(scan)
-    slam.save(tmp_path / "checkpoint.h5")
+def test_a_checkpoint_whose_numbers_cannot_be_is_refused(tmp_path, three_steps_on, name, place, value):
+    three_steps_on.save(tmp_path / "checkpoint.h5")
     gs.GridSlam.resume(tmp_path / "checkpoint.h5")
     with h5py.File(tmp_path / "checkpoint.h5", "a") as file:
         file[f"believed/{name}"][place] = value

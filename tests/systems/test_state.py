@@ -199,6 +199,15 @@ def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, sca
             other.resume(tmp_path / "here.h5")
 
 
+@pytest.fixture(scope="module")
+def seven_steps_on(scene, scans):
+    """A filter that is written, and not stepped on."""
+    slam = GridSlam(scene, seed=3)
+    for scan in scans[:7]:
+        slam.step(scan)
+    return slam
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "spoil"),
@@ -224,12 +233,10 @@ def test_every_system_goes_on_from_its_checkpoint_bit_for_bit(system, scene, sca
         ("sights/looks", lambda data: data[:1]),
     ],
 )
-def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, scene, scans, tmp_path, monkeypatch):
+def test_a_checkpoint_whose_numbers_cannot_be_is_refused(name, spoil, seven_steps_on, tmp_path, monkeypatch):
     from gridslam.systems import checkpoint, values
 
-    slam, put = GridSlam(scene, seed=3), values.put
-    for scan in scans[:7]:
-        slam.step(scan)
+    slam, put = seven_steps_on, values.put
 
     def spoiled(group, own, value, units):
         ours = f"{group.name.strip('/')}/{own}".endswith(name)
