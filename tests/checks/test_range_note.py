@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scene_samples import shortened
 
 import gridslam as gs
 from gridslam.checks.diagnose import describe, suspicions
 from gridslam.checks.range_note import fits_scene, range_note
 
-ROOM = gs.Scene.load("room")
+ROOM = shortened(gs.Scene.load("room"), 60)
 
 
 def late(measurements, metres, anchor=None):
@@ -41,7 +42,8 @@ def test_clocks_that_are_off_are_named_with_sign_size_and_cure(metres, anchor, w
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [13, 14])
 def test_right_distances_are_not_named(seed):
-    assert range_note(ROOM, "agent1", gs.simulate(ROOM, "agent1", seed=seed)) is None
+    whole = gs.Scene.load("room")
+    assert range_note(whole, "agent1", gs.simulate(whole, "agent1", seed=seed)) is None
 
 
 def test_nothing_is_said_where_nothing_can_be_known():

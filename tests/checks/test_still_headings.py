@@ -37,7 +37,7 @@ def test_compass_bearings_are_named_as_such():
 )
 def test_compass_bearings_are_named_of_either_angle_and_of_both(name, wrong):
     """Also where one anchor is in sight that faces north: departures then fit counted clockwise as well."""
-    scene = short(name, 100)
+    scene = short(name, 60)
     table = gs.simulate(scene, "agent1", 1)
     bearings = {
         "aod_rad": table.aod_rad + scene.anchor_orientations[table.anchor],
