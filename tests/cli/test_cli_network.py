@@ -8,7 +8,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from interrupted_runs import killed, same_runs
+from interrupted_runs import as_if_killed, same_runs
 from scene_samples import short
 
 import gridslam as gs
@@ -199,9 +199,12 @@ def test_interrupted_run_that_is_resumed_is_as_if_it_never_was(say, monkeypatch)
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_figures", "short_exchange")
 def test_killed_run_loses_no_more_than_the_steps_since_its_checkpoint(say):
-    """Checkpoints: 1 nothing, 2 the agents begin, 3 and 4 two steps each, 5 the last step."""
+    """Checkpoints: 1 nothing, 2 the agents begin, 3 and 4 two steps each, 5 the last step.
+
+    Of one agent after the other, real processes are killed; to load these kernels takes one eight seconds.
+    """
     assert say(*NETWORK, "-o", "whole").code == 0
-    killed(4, *NETWORK, "-o", "out", "--checkpoint", "2")
+    as_if_killed(say, 4, *NETWORK, "-o", "out", "--checkpoint", "2")
     (agents,) = read_unfinished("out").agents
     assert (agents.name, agents.done, agents.total) == ("agent1, agent2", 2, 5)
     assert say("run", "--resume", "out").code == 0

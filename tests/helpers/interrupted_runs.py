@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,9 +11,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pytest
 from tiny import TINY
 
 import gridslam as gs
+from gridslam.runs.unfinished import Unfinished
 
 RUN = ("run", "tiny.toml", "--particles", "100", "--seed", "3")
 STOPPED = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminated")}
@@ -124,6 +127,30 @@ u._commit = wait
 p.draw_all = lambda folder, run=None: []
 c.main()
 """
+
+
+def as_if_killed(say, last, *words):
+    """What a run leaves that is killed where its checkpoint no. `last` is about to count, without a process.
+
+    It is stopped there, and what its folder held comes back: stopped runs write a checkpoint more.
+    """
+    commit, count, kept = Unfinished._commit, 0, Path("kept")
+
+    def stop(*args):
+        nonlocal count
+        count += 1
+        if count == last:
+            (part,) = Path().glob(".out.*.part")
+            shutil.copytree(part, kept)
+            raise KeyboardInterrupt
+        return commit(*args)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Unfinished, "_commit", stop)
+        assert say(*words).code == 130
+    (part,) = Path().glob(".out.*.part")
+    shutil.rmtree(part)
+    kept.rename(part)
 
 
 def killed(last, *words):
