@@ -17,7 +17,7 @@ CASES = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 FEWER = settings(CASES, max_examples=CASES.max_examples // 5)
-FEWEST = settings(CASES, max_examples=CASES.max_examples // 10)
+FEWEST = settings(CASES, max_examples=CASES.max_examples // 20)
 """Where each case starts a process."""
 LARGEST_KB = 800_000
 NASTY = (

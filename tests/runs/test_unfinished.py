@@ -102,11 +102,11 @@ def test_recorded_measurements_and_a_map_go_on_bit_for_bit_from_another_folder(t
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", STOPPED)
-def test_run_may_be_interrupted_again_and_again(tiny, whole, monkeypatch, number):
+def test_run_may_be_interrupted_again_and_again(tiny, whole, monkeypatch):
     interrupted(tiny, monkeypatch, step=0)
-    code, word = STOPPED[number]
-    for agent, step in (("agent1", 1), ("agent2", 0)):
+    for (agent, step), (number, (code, word)) in zip(
+        (("agent1", 1), ("agent2", 0)), STOPPED.items(), strict=True
+    ):
         with monkeypatch.context() as patch:
             stop_at(patch, agent, step, number)
             result = tiny("run", "--resume", "out")

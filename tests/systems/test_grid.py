@@ -281,7 +281,7 @@ def test_filters_side_by_side_and_estimates_of_before_stay_as_they_are(method):
         ]  # fmt: skip
 
     rooms = [gs.Scene.load(name).with_filter(particles=128) for name in ("room", "alcove")]
-    each_scan = [list(gs.simulate(shortened(room, 8), "agent1", 1)) for room in rooms]
+    each_scan = [list(gs.simulate(shortened(room, 5), "agent1", 1)) for room in rooms]
     alone = []
     for room, scans in zip(rooms, each_scan, strict=True):
         slam = method_class(method)(room, seed=1)

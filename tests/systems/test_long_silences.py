@@ -25,7 +25,7 @@ def after_a_pause(make, recording, truth, pause_s, steps=20):
     return np.array(rows), np.array(well), slam
 
 
-@pytest.mark.parametrize("pause_s", [30.0, 3600.0, 1.8e9])
+@pytest.mark.parametrize("pause_s", [30.0, 1.8e9])
 @pytest.mark.parametrize("name", ["GridSlam", "VirtualAnchorSlam", "NetworkSlam"])
 def test_it_is_found_at_once_by_what_it_has_mapped(name, pause_s, tmp_path):
     scene = gs.Scene.load("room").with_filter(particles=300)

@@ -26,7 +26,7 @@ def mapped(louder_db, seed):
     return gs.map_scene(told(louder_db), gs.simulate(SCENE, "agent1", seed), seed=seed, start="exact")
 
 
-@pytest.mark.parametrize("fainter_db", [3.0, 6.0, 9.0])
+@pytest.mark.parametrize("fainter_db", [3.0, 9.0])
 def test_a_fainter_radio_than_told_costs_nothing(fainter_db):
     """Lines of sight were taken for walls' images: of 15 drawn plans the error doubled, and two were lost."""
     for seed in (1, 2):
