@@ -41,7 +41,7 @@ def brief(request, monkeypatch, runs_here):
         scene = whole(source)
         known = str(source) in gs.bundled_scenes()
         return (
-            shortened(scene, steps, agents=len(scene.agents)).with_filter(particles=500) if known else scene
+            shortened(scene, steps, agents=len(scene.agents)).with_filter(particles=100) if known else scene
         )
 
     monkeypatch.setattr(gs.Scene, "load", staticmethod(load))

@@ -13,7 +13,7 @@ AGENTS = ["agent1", "agent2"]
 
 @pytest.fixture(scope="module")
 def scene():
-    return short("exchange", 10, particles=500)
+    return short("exchange", 6, particles=500)
 
 
 def test_variants_differ_in_clocks_and_labels_alone(scene):
