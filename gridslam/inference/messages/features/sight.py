@@ -253,7 +253,8 @@ def concentrated(
 
 def _effective(log: Array) -> float:
     """How many of a weighted set count."""
-    return float(np.exp(2 * logsumexp(log) - logsumexp(2 * log)))
+    weight = np.exp(log - log.max())
+    return float(weight.sum() ** 2 / (weight @ weight))
 
 
 def _tempered(log: Array, least: float) -> Array:
