@@ -194,37 +194,38 @@ def follow_sights(
     for s in range(place.shape[0]):
         half, count, spare = s % 2, sights.step[s, COUNT], line.shape[0] - LINES
         begin, end, top = sights.step[s, SCANS], sights.step[s + 1, SCANS], spare + WEIGHT
-        first, mx, my = sights.scan[begin, ROWS], ti.f64(0.0), ti.f64(0.0)
+        first, mx, my, told = sights.scan[begin, ROWS], ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
         behind = sights.scan[end, ROWS] - first  # where the scans' own lines begin
         for p in range(count):
             moved(sights, particle, half, s, p)
             mx += particle[half, p, PLACE] / count
             my += particle[half, p, PLACE + 1] / count
-            line[top, p] = 0.0
+            line[top, p] = 1.0
         for q in range(begin, end):
             a, own = sights.scan[q, ANCHOR], behind + q - begin
             rows = sights.scan[q + 1, ROWS] - sights.scan[q, ROWS]
             foreseen(sights, particle, line, half, q, count, spare)
             compared(sights, line, q, count, first, own, spare)
-            clear = in_view(sights, a, mx, my)
+            clear, most = in_view(sights, a, mx, my), ti.f64(0.0)
             for p in range(count):
                 if sights.choice[THOROUGH] > 0:
                     clear = in_view(sights, a, particle[half, p, PLACE], particle[half, p, PLACE + 1])
                 expected = sights.choice[IN_SIGHT] if clear else sights.choice[BEHIND]
                 total = 1 - expected + expected * line[own, p] / rows
-                line[top, p] += logarithm_of(total)
+                line[top, p] *= total
                 line[own, p] = expected / rows / total
-        most, sum_of, x, y = line[top, 0], ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
+                most = ti.max(most, line[top, p])
+            told += logarithm_of(most)  # a product of many scans would overflow
+            for p in range(count):
+                line[top, p] /= most
+        sum_of, x, y = ti.f64(0.0), ti.f64(0.0), ti.f64(0.0)
         for p in range(count):
-            most = ti.max(most, line[top, p])
-        for p in range(count):
-            line[top, p] = decay_of(line[top, p] - most)
             sum_of += line[top, p]
         for p in range(count):
             line[top, p] /= sum_of
             x += line[top, p] * particle[half, p, PLACE]
             y += line[top, p] * particle[half, p, PLACE + 1]
-        place[s, 0], place[s, 1], place[s, 2] = most + logarithm_of(sum_of / count), x, y
+        place[s, 0], place[s, 1], place[s, 2] = told + logarithm_of(sum_of / count), x, y
         for q in range(begin, end):
             best, highest, whole, length = sights.scan[q, ROWS], ti.f64(-1.0), ti.f64(0.0), ti.f64(0.0)
             for r in range(sights.scan[q, ROWS], sights.scan[q + 1, ROWS]):
