@@ -238,46 +238,6 @@ def test_nothing_is_solved_twice(monkeypatch):
     assert len(set(searches)) == len(searches)
 
 
-def hidden(model, deviation, known=()):
-    """Paths of an anchor whose line of sight has been away for long, of an agent known to a deviation."""
-    state = state_with(model, *known)
-    covariance = state.belief.covariance.copy()
-    covariance[:2, :2] = deviation**2 * np.eye(2)
-    links = replace(state.links, visible=np.zeros(2), intensity=np.full(2, 900.0), noise=np.ones(2))
-    state = replace(state, belief=replace(state.belief, covariance=covariance), links=links)
-    return predict_paths(state, 0, model).prior
-
-
-@pytest.mark.parametrize("known", [(), ([9.0, 3.0],)])
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("off", [-2.5, -1.5, 1.5, 2.5])
-def test_a_line_of_sight_that_is_back_is_found_where_a_vague_agent_is(model, off, seed, known):
-    """Within three deviations of its prediction, nearer and farther (M573)."""
-    prior = hidden(model, 0.25, known)
-    there = float(prior.mean[0]) + off * 0.25
-    found = find_births(BAND, snapshot(seed, (there, 30.0)), prior, 1.0, RATE)
-    assert (found.prior.away[0], found.prior.weight[0]) == (0.0, 900.0)
-    assert found.mode.distance[0] == pytest.approx(there, abs=0.03)
-    assert not found.new
-
-
-@pytest.mark.parametrize(("deviation", "off"), [(0.25, 4.0), (0.6, 2.0)])
-def test_nor_is_it_taken_for_what_is_too_far_off_or_of_an_agent_that_is_anywhere(model, deviation, off):
-    prior = hidden(model, deviation)
-    there = float(prior.mean[0]) + off * deviation
-    found = find_births(BAND, snapshot(1, (there, 30.0)), prior, 1.0, RATE)
-    assert found.prior.weight[0] == pytest.approx(9.0)
-    assert abs(found.mode.distance[0] - there) > 0.1
-
-
-def test_a_faint_one_is_a_reflection_that_far_off(model):
-    """Whatever the evidence for a path: within three deviations, but 14 dB over the noise alone."""
-    prior = hidden(model, 0.25)
-    for off in (-0.5, 0.5):
-        found = find_births(BAND, snapshot(2, (float(prior.mean[0]) + off, 5.0)), prior, 1.0, RATE)
-        assert found.prior.weight[0] == pytest.approx(9.0)
-
-
 def test_noise_brings_nothing_back(model):
     _, paths = away(model, 0.001)
     samples = (snapshot(seed, (paths.prior.mean[0], 17)) for seed in range(40))

@@ -61,7 +61,7 @@ class PathPrior:
         away[row] = 0.0
         chance = self.chances.copy()
         chance[row] = 1.0
-        begin = self.mean.copy()
+        begin = (self.mean if self.begin is None else self.begin).copy()
         begin[row] = self.mean[row] if distance is None else distance
         return replace(there, away=away, chance=chance, begin=begin)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, squared
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
 from gridslam.inference.messages.samples.path_search import take_in
+from gridslam.inference.messages.samples.returning_paths import Explanation, explanations, reach_of
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep, log_ratio
 
 Complex = NDArray[np.complex128]
@@ -38,14 +39,6 @@ ACCEPTED = np.log(8.0) - 2.0
 less what fitting a distance and an intensity gains in noise."""
 SOLVED_AGAIN = 1.0
 """What solving everything again may gain on top of what the others' present fit shows; 0.5 is usual."""
-BACK_M, BACK_DEVIATIONS, BACK_SHARE = 0.3, 3.0, 0.5
-"""How near to a peak a path that was away may be what makes it; the line of sight also within so many
-deviations, while these are less than that share of the resolution."""
-LOUD, BEGIN_M = 50.0, 0.1
-"""Log odds that it has to reach there: fainter ones were reflections of hidden anchors. How far from its
-prediction a path that is back is looked for at the peak, too."""
-SURELY = 1 - 1e-9
-"""Greatest probability that a path is back."""
 WIDEST_M = 0.3
 """Deviation of a predicted distance beyond which it isn't broadened any more."""
 OWN_PLACE_M = 0.6
@@ -148,18 +141,6 @@ def with_sight(band: Band, samples: Complex, prior: PathPrior, noise: float) -> 
 
 
 @dataclass(frozen=True, eq=False)
-class _Explanation:
-    """What may make a peak: all paths then, the log odds before the snapshot, whether one is back, and the
-    least log odds with it."""
-
-    prior: PathPrior
-    log_odds: float
-    is_back: bool
-    peak: tuple[float, float]
-    least: float = -np.inf
-
-
-@dataclass(frozen=True, eq=False)
 class _Scores:
     """Log ratios of one more path, by intensity and distance, where it may be worth a look.
 
@@ -176,15 +157,6 @@ class _Scores:
     logs: Array
     best: Array
     worth: Array
-
-
-def _reach(prior: PathPrior, resolution_m: float) -> Array:
-    """How far (N,) m from its prediction each path may be back (M573)."""
-    reach = np.full(len(prior.mean), BACK_M)
-    deviation = float(np.sqrt(np.linalg.inv(prior.precision)[0, 0]))
-    if deviation < BACK_SHARE * resolution_m:
-        reach[0] = max(BACK_M, BACK_DEVIATIONS * deviation)
-    return reach
 
 
 class _Births:
@@ -210,7 +182,7 @@ class _Births:
         self.taken, self.weak = list[NewDistance](), list[NewDistance]()
         deviation = DEVIATIONS * float(np.sqrt(1 / prior.precision[0, 0]))
         self.nearest = float(prior.mean[0]) + NEAR_M + deviation
-        self.reach = _reach(prior, band.resolution_m)
+        self.reach = reach_of(prior, band.resolution_m)
         gone = prior.away is not None and prior.away[0] > 0
         lowest = min(self.nearest, float(prior.mean[0]) - self.reach[0]) if gone else self.nearest
         # (M540): a folding range on from where the line of sight may be, it is heard itself
@@ -224,10 +196,10 @@ class _Births:
         self.least = float(np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED - SOLVED_AGAIN)
         self._latest: tuple[Mode, Inverse, Sweep] | None = None
         self._solved: list[tuple[PathPrior, Mode]] = []
-        self._tried: dict[tuple[float, float], list[tuple[_Explanation, Mode]]] = {}
+        self._tried: dict[tuple[float, float], list[tuple[Explanation, Mode]]] = {}
         self._tried_of: PathPrior | None = None
         self._scored: list[tuple[Sweep, _Scores]] = []
-        self._judged: _Explanation
+        self._judged: Explanation
         self._predicted: tuple[PathPrior, Sweep] | None = None
 
     def solve(self, prior: PathPrior) -> Mode:
@@ -258,7 +230,7 @@ class _Births:
         while peaks := [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]:
             tried = [one for peak in peaks for one in self._tries(prior, peak)]
             worth = [trial.log_posterior + one.log_odds for one, trial in tried]
-            able = [w > mode.log_posterior + one.least for w, (one, _) in zip(worth, tried, strict=True)]
+            able = [one.possible(trial, mode, self.reach) for one, trial in tried]
             if any(able):
                 self._judged, trial = tried[int(np.argmax(np.where(able, worth, -np.inf)))]
                 self._solved = [(self._judged.prior, trial)]
@@ -270,30 +242,15 @@ class _Births:
     def _put_aside(self, distance: float) -> None:
         self.open &= np.abs(self.grid - distance) > BESIDE_M
 
-    def _tries(self, prior: PathPrior, peak: tuple[float, float]) -> list[tuple[_Explanation, Mode]]:
+    def _tries(self, prior: PathPrior, peak: tuple[float, float]) -> list[tuple[Explanation, Mode]]:
         """What may make a peak, each with its mode; the less likely one of two peaks is looked at again."""
         if self._tried_of is not prior:
             self._tried_of, self._tried = prior, {}
         if peak not in self._tried:
-            self._tried[peak] = [(one, self.solve(one.prior)) for one in self._explanations(prior, peak)]
+            new = float(np.log(self.rate) + ACCEPTED) if peak[0] >= self.nearest else None
+            may = explanations(prior, peak, new, self.reach)
+            self._tried[peak] = [(one, self.solve(one.prior)) for one in may]
         return self._tried[peak]
-
-    def _explanations(self, prior: PathPrior, peak: tuple[float, float]) -> list[_Explanation]:
-        """What may make a peak: a new path; known ones that were away and are back (M332)."""
-        found = list[_Explanation]()
-        if peak[0] >= self.nearest:
-            new = float(np.log(self.rate) + ACCEPTED)
-            found.append(_Explanation(prior.with_path(*peak), new, False, peak))
-        if prior.away is None:
-            return found
-        gap, known = np.abs(prior.mean - peak[0]), len(self.reach)
-        for row in np.flatnonzero((prior.away[:known] > 0) & (gap[:known] < self.reach)).tolist():
-            chance = min(float(prior.weight[row] / prior.away[row]), SURELY)  # rounding may make it 1
-            log_odds = float(np.log(chance / (1 - chance)))
-            begins = [None, peak[0]] if gap[row] > BEGIN_M else [None]
-            least = LOUD if gap[row] >= BACK_M else -np.inf
-            found += [_Explanation(prior.back(row, begin), log_odds, True, peak, least) for begin in begins]
-        return found
 
     def _before(self, prior: PathPrior) -> Sweep:
         """What one more path would be worth, with the others as broad as they were predicted."""
@@ -333,7 +290,7 @@ class _Births:
 
     def takes(self, prior: PathPrior, mode: Mode, trial: Mode, peak: tuple[float, float]) -> bool:
         log_odds = trial.log_posterior - mode.log_posterior + self._judged.log_odds
-        if self._judged.is_back:
+        if self._judged.back is not None:
             if log_odds <= 0:
                 self._put_aside(peak[0])
             return log_odds > 0
