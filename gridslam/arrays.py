@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value")
-NO_NUMBERS = {"c": "complex numbers", "b": "true or false", "SU": "text", "Mm": "dates (datetime64)"}
+NO_NUMBERS = {"c": "complex numbers", "b": "true or false", "SU": "text", "M": "dates (datetime64)",
+              "m": "spans of time (timedelta64)"}  # fmt: skip
 """What arrays of some NumPy kinds hold, which could be taken for real numbers."""
 
 
@@ -47,6 +48,8 @@ def real(values: object) -> Array:
     TypeError, ValueError
         Complex numbers, dates, text, truth values, or nothing of the kind.
     """
+    if isinstance(values, list | tuple) and any(isinstance(row, np.ma.MaskedArray) for row in values):
+        values = np.ma.stack(values)
     if isinstance(values, np.ma.MaskedArray):
         return (
             real(values.data)
@@ -54,8 +57,11 @@ def real(values: object) -> Array:
             else np.where(values.mask, np.nan, real(values.data))
         )
     array = np.asarray(values)
+    found = (
+        {np.asarray(one).dtype.kind for one in array.flat} if array.dtype.kind == "O" else {array.dtype.kind}
+    )
     for kinds, called in NO_NUMBERS.items():
-        if array.dtype.kind in kinds:
+        if array.size and not found.isdisjoint(kinds):
             raise TypeError(called)
     return array.astype(np.float64, copy=False)
 

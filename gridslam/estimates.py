@@ -13,7 +13,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.wording import counted
 from gridslam.world.geometry import wrap
-from gridslam.world.given import require_radians
+from gridslam.world.given import numbers
 from gridslam.world.observation import Observation
 
 ANY_SPEED_MPS = 10.0
@@ -188,11 +188,15 @@ class Estimate:
         InputError
             Arrays of other shapes, numbers that aren't finite, or a covariance of negative variances.
         """
-        try:
-            position, velocity = np.array(position_m, np.float64), np.array(velocity_mps, np.float64)
-            square, heading = np.array(covariance, np.float64), float(heading_rad)
-        except (TypeError, ValueError) as error:
-            raise InputError("estimate", str(error), "numbers") from None
+        position = numbers(position_m, "estimate: position_m")
+        velocity = numbers(velocity_mps, "estimate: velocity_mps")
+        square, turn = (
+            numbers(covariance, "estimate: covariance"),
+            numbers(heading_rad, "estimate: heading_rad"),
+        )
+        if turn.size != 1:
+            raise InputError("estimate: heading_rad", f"shape {turn.shape}", "one number")
+        heading = float(turn.item())
         if square.shape == (3, 3):
             whole = np.diag([0.0, 0.0, ANY_SPEED_MPS**2, ANY_SPEED_MPS**2, 0.0])
             whole[np.ix_([0, 1, 4], [0, 1, 4])] = square
@@ -209,7 +213,6 @@ class Estimate:
         for name, array in (*((n, a) for n, (a, _) in shapes.items()), ("heading_rad", np.array(heading))):
             if not np.isfinite(array).all():
                 raise InputError(f"estimate: {name}", "NaN or infinity", "finite numbers")
-        require_radians(heading, "estimate")
         values = np.linalg.eigvalsh(0.5 * (square + square.T))
         if values[0] < -ROUNDING * max(values[-1], -values[0]):
             raise InputError(

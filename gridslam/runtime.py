@@ -47,9 +47,7 @@ def start(device: str = "auto", threads: int | None = None) -> str:
         from one in which Taichi ran.
     """
     global _started
-    if _forked:
-        allowed = 'multiprocessing.get_context("spawn"): kernels that ran before a fork never end after it'
-        raise InputError("device", "a process that was forked", allowed)
+    require_not_forked()
     if _started is not None and device == "auto":  # as every launch of a kernel asks
         return _started
     if device not in ("auto", "cpu", "gpu"):
@@ -89,11 +87,22 @@ def once_started(find: Callable[[], Found]) -> Callable[[], Found]:
 
     @wraps(find)
     def found() -> Found:
-        if _forked:
-            start()
+        require_not_forked()
         return first()
 
     return found
+
+
+def require_not_forked() -> None:
+    """Refuse to go on in a process that was forked from one in which Taichi ran.
+
+    Raises
+    ------
+    InputError
+    """
+    if _forked:
+        allowed = 'multiprocessing.get_context("spawn"): kernels that ran before a fork never end after it'
+        raise InputError("device", "a process that was forked", allowed)
 
 
 def _after_fork() -> None:
@@ -156,16 +165,13 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class Turns:
-    """A lock by which threads take turns; its deep copies are locks of their own."""
+    """Holds a lock by which threads take turns; deep copies hold locks of their own.
+
+    The lock itself is entered: an interrupt within methods of ours would leave it taken.
+    """
 
     def __init__(self) -> None:
-        self._lock = threading.RLock()
-
-    def __enter__(self) -> None:
-        self._lock.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
+        self.lock = threading.RLock()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Turns:
         return Turns()

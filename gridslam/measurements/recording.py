@@ -24,8 +24,6 @@ from gridslam.world.signal_scan import SignalScan
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waveform import Waveform
 
-"""Largest heading that may be one in radians, of an agent that has turned and turned."""
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Recording:
@@ -215,24 +213,21 @@ class Recording:
                 "signal: samples", f"shape {array.shape} of {array.dtype}", "(K, J, A, B, M) or (K, J, M)"
             )
         steps, count, ends, carried, points = array.shape
-        try:
-            frequency = np.asarray(frequency_hz, np.float64)
-            flat = np.ones(len(frequency), np.complex128)
-        except (TypeError, ValueError) as error:
-            raise InputError("signal: frequency_hz", str(error), "(M,) numbers") from None
+        frequency = numbers(frequency_hz, "signal: frequency_hz", "(M,) numbers")
+        flat = np.ones(points, np.complex128)
         if frequency.shape != (points,):
             raise InputError(
                 "signal: frequency_hz", f"shape {frequency.shape}", f"({points},), as in samples"
             )
         waveform = Waveform(
-            carrier_hz, frequency, flat if pulse is None else np.asarray(pulse, np.complex128),
+            carrier_hz, frequency, flat if pulse is None else np.asarray(unmasked(pulse), np.complex128),
             _elements(anchor_element_m, (count, ends, 2), "anchor_element_m"),
             _elements(agent_element_m, (carried, 2), "agent_element_m"),
-            None if noise_std is None else np.asarray(noise_std, np.float64), heading_std_rad,
+            None if noise_std is None else numbers(noise_std, "signal: noise_std"), heading_std_rad,
         )  # fmt: skip
         even = np.asarray(interval_s * np.arange(steps), np.float64)
         time = even if time_s is None else numbers(time_s, "signal: time_s", SECONDS)
-        there = np.ones((steps, count), dtype=bool) if heard is None else np.asarray(heard)
+        there = np.ones((steps, count), dtype=bool) if heard is None else np.ma.filled(heard, False)
         return cls(samples=array, time_s=time, heard=there, waveform=waveform, anchors=tuple(anchors), **more)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:

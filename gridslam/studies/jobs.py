@@ -7,7 +7,6 @@ import inspect
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +92,6 @@ class Job:
         }
 
 
-@cache
 def source_of(method: str) -> str | None:
     """What the file that a method of one's own stands in holds, as a hash; None of those that are built in.
 

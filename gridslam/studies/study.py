@@ -60,6 +60,7 @@ class Study:
         names = [scene.name for scene in self.scenes]
         if not names or len(set(names)) < len(names):
             raise InputError("study: scenes", ", ".join(names) or "none", "scenes of different names")
+        object.__setattr__(self, "settings", tuple((key, tuple(values)) for key, values in self.settings))
         methods = tuple(portable_name(method, "study: method") for method in self.methods)
         object.__setattr__(self, "methods", methods)
         whole = dict(methods=self.methods, seeds=self.seeds) | {f"--set {key}": v for key, v in self.settings}
@@ -190,6 +191,7 @@ def run_study(
     workers = LocalWorkers() if workers is None else workers
     jobs = study.jobs()
     place = {identity(job.key): number for number, job in enumerate(jobs)}
+    sources = {method: source_of(method) for method in study.methods}
     records: list[dict[str, Any] | None] = [None] * len(jobs)
     failures: dict[int, str] = {}
     refused: list[InputError] = []
@@ -200,7 +202,7 @@ def run_study(
             if number is None:
                 others.append(record)
             else:
-                _same_source(f"{results.path}", record, jobs[number].method)
+                _same_source(f"{results.path}", record, jobs[number].method, sources)
                 records[number] = record
         left = [number for number, record in enumerate(records) if record is None]
         if progress is not None:
@@ -214,6 +216,7 @@ def run_study(
                     refused.append(answer)
             else:
                 _same_version(answer["key"], jobs[number].key)
+                _same_source("worker", answer, jobs[number].method, sources)
                 results.append(answer)
                 records[number] = answer
             if progress is not None:
@@ -242,9 +245,11 @@ def _changed(scene: Scene, changes: Sequence[tuple[str, Any]]) -> Scene:
     return Scene.checked(whole, scene.name) if changes else scene
 
 
-def _same_source(where: str, record: Mapping[str, Any], method: str) -> None:
-    """Refuse to count runs of what a method of one's own was before it was edited."""
-    was, now = record.get("source"), source_of(method)
+def _same_source(
+    where: str, record: Mapping[str, Any], method: str, sources: Mapping[str, str | None]
+) -> None:
+    """Refuse to count runs of what a method of one's own was before it was edited, or is since."""
+    was, now = record.get("source"), sources[method]
     if was is not None and now is not None and was != now:
         allowed = "its runs as it is now (another folder, or --overwrite)"
         raise InputError(f"{where}: {method}", "runs of another state of its file", allowed)

@@ -228,12 +228,12 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         if state.step or state.time_s is not None:
             raise InputError("start", f"told after {self.now.identity.scans} steps", "before the first")
         position, heading = finite(position_m, "start: position_m"), finite(heading_rad, "start: heading_rad")
-        if (position.shape, heading.shape) != ((2,), ()):
+        if (position.size, heading.shape) != (2, ()):
             raise InputError(
                 "start", f"shapes {position.shape} and {heading.shape}", "(2,) m, and one number"
             )
         require_radians(heading, "start")
-        moved = self._begun(self.moved(state, position - self.model.origin_m, float(heading)))
+        moved = self._begun(self.moved(state, position.reshape(2) - self.model.origin_m, float(heading)))
         self.now = self.now._replace(believed=moved)
 
     def step(self, scan: Observed) -> Estimate:
@@ -247,7 +247,8 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             distance of the first is one that the radio measures; the filter stays as it was.
         """
         began = time.perf_counter()
-        with self.turns, runtime.one_blas_thread():
+        runtime.require_not_forked()
+        with self.turns.lock, runtime.one_blas_thread():
             scan = self._checked(scan, self.state.time_s)
             require_step(scan.step, self.now.number)
             identity = self.now.identity.after(scan)

@@ -65,7 +65,8 @@ class NetworkScan:
             raise InputError(
                 "scan: scans", type(self.scans).__name__, "a Scan for each agent, in order, or None"
             )
-        require_time("scan", time_of(self.time_s, "scan"), after)
+        time = time_of(self.time_s, "scan")
+        require_time("scan", time, after)
         if agents is not None and len(self.scans) != agents:
             raise InputError(
                 "scan: scans",
@@ -79,4 +80,4 @@ class NetworkScan:
                 found = f"step {scan.step} at {scan.time_s} s"
                 raise InputError("scan: scans", found, f"step {self.step} at {self.time_s} s for all agents")
             whole.append(None if scan is None else scan.checked(anchors, after, True, pseudo))
-        return replace(self, scans=tuple(whole))
+        return replace(self, time_s=time, scans=tuple(whole))

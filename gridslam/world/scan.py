@@ -130,7 +130,7 @@ class Scan:
 
 def _numbers_of_anchors(given: Any, anchors: int) -> NDArray[np.intp]:
     """The column of anchors, which are counted, not named."""
-    column = np.asarray(given)
+    column = np.asarray(np.ma.filled(given, -1))  # masked: not known
     if column.size and column.dtype.kind not in "iu":
         many = f"whole numbers, 0 to {anchors - 1}: which of the scene's anchors"
         raise InputError("scan: anchor", repr(column.ravel()[:1].tolist()[0])[:40], many)

@@ -95,7 +95,7 @@ class Trajectory:
         columns = [*self.position_m.T, *self.velocity_mps.T, np.unwrap(self.heading_rad)]
         x, y, vx, vy, heading = (np.interp(time_s, self.time_s, column) for column in columns)
         high = None if self.height_m is None else np.interp(time_s, self.time_s, self.height_m)
-        return Trajectory(time_s, np.stack([x, y], -1), np.stack([vx, vy], -1), heading, high)
+        return Trajectory(time_s, np.stack([x, y], -1), np.stack([vx, vy], -1), wrap(heading), high)
 
     def to_tum(self, path: str | os.PathLike[str]) -> None:
         """Write ``timestamp tx ty tz qx qy qz qw`` lines at full precision; ``tz`` is 0 in a plane.

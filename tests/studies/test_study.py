@@ -214,12 +214,19 @@ def test_runs_of_a_method_that_was_edited_since_are_not_counted(scene, tmp_path,
     assert run_study(own, tmp_path / "s", Told()).fresh == 0
     before = (tmp_path / "s" / "study.jsonl").read_bytes()
     file.write_text(OWN + "# better\n")
-    source_of.cache_clear()  # as another process begins
     with pytest.raises(InputError, match="edited_method:Own: found runs of another state of its file"):
         run_study(own, tmp_path / "s", Told())
     assert (tmp_path / "s" / "study.jsonl").read_bytes() == before
     assert run_study(plan(scene, 2), tmp_path / "s", Told()).fresh == 2, "other methods go on"
     assert run_study(own, tmp_path / "s", Told(), overwrite=True).fresh == 2
+
+    class Editor(Told):
+        def run(self, work, tasks):
+            file.write_text(OWN + "# while it runs\n")
+            yield from super().run(work, tasks)
+
+    with pytest.raises(InputError, match="runs of another state of its file"):
+        run_study(plan(scene, 3, methods=("edited_method:Own",)), tmp_path / "s", Editor())
     assert source_of("grid") is None
 
 

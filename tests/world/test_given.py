@@ -24,6 +24,27 @@ def test_masked_numbers_are_missing():
     assert numbers(np.ma.masked_array([1.0, 2.0]), "x").tolist() == [1.0, 2.0]
 
 
+def test_empty_columns_have_no_kind_and_whole_numbers_an_end():
+    assert numbers(np.array([], "U1"), "x").shape == numbers(np.array([], bool), "x").shape == (0,)
+    with pytest.raises(InputError, match="found 1e"):
+        whole_numbers([1e300], "x", "whole")
+
+
+def test_rows_of_masked_arrays_and_masked_flags(heard):
+    rows = [np.ma.masked_array([1.0, 2.0], [0, 1]), np.ma.masked_array([3.0, 4.0], [0, 0])]
+    np.testing.assert_array_equal(numbers(rows, "x"), [[1.0, np.nan], [3.0, 4.0]])
+    whose = np.ma.masked_array([0], [True])
+    assert replace(heard.scan(0), anchor=whose).checked(1, unlabelled=True).anchor.tolist() == [-1]
+    with pytest.raises(InputError, match=r"anchor\[0\]: found -1"):
+        replace(heard.scan(0), anchor=whose).checked(1)
+    there = np.ma.masked_array([[True], [True]], [[False], [True]])
+    samples, offset = 1j * np.ones((2, 1, 8)), 1e7 * np.arange(8)
+    assert gs.Recording.from_arrays(samples, 6e9, offset, ["A"], heard=there).heard.tolist() == [
+        [True],
+        [False],
+    ]
+
+
 def test_masked_paths_are_padding_and_masked_angles_not_measured(heard):
     padded = np.ma.masked_array([[5.0, 99.0], [5.1, 6.9]], [[0, 1], [0, 0]])
     assert gs.Measurements.from_arrays({"A": padded}).distance_m.tolist() == [5.0, 5.1, 6.9]
@@ -63,7 +84,11 @@ def test_dates_are_no_seconds_and_how_they_become_some_is_said(heard, call):
         call(heard)
 
 
-@pytest.mark.parametrize("given", [["1", "2"], [True, False], [1j, 2.0], object(), [[1], [1, 2]]])
+@pytest.mark.parametrize(
+    "given",
+    [["1", "2"], [True, False], [1j, 2.0], object(), [[1], [1, 2]], np.timedelta64(5, "s"),
+     np.array([1.0, "2"], object), np.array([True, 2.0], object), np.array([DATES[0], None], object)],
+)  # fmt: skip
 def test_what_only_looks_like_numbers_is_refused(given):
     with pytest.raises(InputError, match="field: found"):
         numbers(given, "field")
@@ -90,7 +115,6 @@ def test_degrees_are_no_radians_at_any_door():
     slam = gs.GridSlam(scene)
     for call in (
         lambda: slam.start_at([2.0, 2.0], 90.0),
-        lambda: gs.Estimate.of_pose(scan, [0.0, 0.0], 90.0, np.eye(3)),
         lambda: replace(scan, heading_rad=90.0).checked(1),
         lambda: replace(track, heading_rad=np.full(len(track), 90.0)),
     ):
@@ -98,6 +122,16 @@ def test_degrees_are_no_radians_at_any_door():
             call()
     require_radians(np.zeros(0), "nobody's")
     require_radians(-25.0, "after four turns")
+
+
+def test_headings_that_are_added_up_over_many_turns_are_radians():
+    turns = np.linspace(0, 12 * np.pi, 400)
+    seconds, place = 0.1 * np.arange(400), np.stack([np.cos(turns), np.sin(turns)], -1)
+    track = gs.Trajectory(seconds, place, np.zeros((400, 2)), turns)
+    between = track.at(seconds[1:-1] + 0.05)
+    np.testing.assert_allclose(np.cos(between.heading_rad), np.cos(turns[1:-1] + 6 * np.pi / 399), atol=1e-3)
+    scan = next(iter(gs.simulate(gs.Scene.load("screen"), "agent1", seed=1, what="signal")))
+    assert abs(gs.Estimate.of_pose(scan, [0.0, 0.0], 30.0, np.eye(3)).heading_rad) <= np.pi
 
 
 @pytest.mark.parametrize(
