@@ -81,8 +81,8 @@ def test_complex_columns_of_scans_and_tables_are_refused():
         (([0, 0], 0.0, np.full((3, 3), np.nan)), "covariance: found NaN"),
         (([0, 0], 0.0, -np.eye(3)), "covariance: found an eigenvalue of -1"),
         (([0, 0], 0.0, np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1]])), "covariance: found an eigenvalue of -1"),
-        (("ab", 0.0, np.eye(3)), "could not convert"),
-        (([0, 0], None, np.eye(3)), "NoneType"),
+        (("ab", 0.0, np.eye(3)), "position_m: found text"),
+        (([0, 0], None, np.eye(3)), "heading_rad: found NaN"),
     ],
 )
 def test_estimates_by_hand_hold_numbers_and_variances(pose, told):
