@@ -18,7 +18,7 @@ from gridslam.world.observation import Observation
 
 ANY_SPEED_MPS = 10.0
 """Standard deviation of a velocity of which nothing is known."""
-ROUNDING = 1e-9
+ROUNDING, SYMMETRIC = 1e-9, 1e-6
 """Share of the largest by which rounding may put an eigenvalue of a covariance below 0."""
 
 
@@ -186,7 +186,8 @@ class Estimate:
         Raises
         ------
         InputError
-            Arrays of other shapes, numbers that aren't finite, or a covariance of negative variances.
+            Arrays of other shapes, numbers that aren't finite, or a covariance of negative variances, or
+            that isn't symmetric.
         """
         position = numbers(position_m, "estimate: position_m")
         velocity = numbers(velocity_mps, "estimate: velocity_mps")
@@ -214,6 +215,8 @@ class Estimate:
             if not np.isfinite(array).all():
                 raise InputError(f"estimate: {name}", "NaN or infinity", "finite numbers")
         values = np.linalg.eigvalsh(0.5 * (square + square.T))
+        if np.abs(square - square.T).max() > SYMMETRIC * np.abs(square).max():
+            raise InputError("estimate: covariance", "a matrix that isn't symmetric", "a symmetric one")
         if values[0] < -ROUNDING * max(values[-1], -values[0]):
             raise InputError(
                 "estimate: covariance", f"an eigenvalue of {values[0]:.3g}", "none below 0: of variances"

@@ -77,7 +77,7 @@ class Recording:
         if shape != self.waveform.shape or len(names) != shape[0]:
             found, allowed = f"{shape} of {len(names)} anchors", f"{self.waveform.shape}, as of the waveform"
             raise InputError("signal: samples", found, allowed)
-        heard = np.array(self.heard)
+        heard = np.ma.filled(self.heard, False)
         if heard.shape != (steps, len(names)) or not np.isin(heard, (0, 1)).all():
             raise InputError("signal: heard", f"shape {heard.shape}", f"({steps}, {len(names)}) truth values")
         heard = heard.astype(bool)
@@ -227,7 +227,7 @@ class Recording:
         )  # fmt: skip
         even = np.asarray(interval_s * np.arange(steps), np.float64)
         time = even if time_s is None else numbers(time_s, "signal: time_s", SECONDS)
-        there = np.ones((steps, count), dtype=bool) if heard is None else np.ma.filled(heard, False)
+        there: Any = np.ones((steps, count), dtype=bool) if heard is None else heard
         return cls(samples=array, time_s=time, heard=there, waveform=waveform, anchors=tuple(anchors), **more)
 
     def to_h5(self, path: str | os.PathLike[str]) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
@@ -68,6 +69,43 @@ class Trajectory:
             object.__setattr__(self, name, values)
         if (np.diff(self.time_s) <= 0).any():
             raise InputError("trajectory: time_s", "times that don't rise", "strictly rising times")
+
+    @classmethod
+    def of_poses(
+        cls,
+        time_s: ArrayLike,
+        position_m: ArrayLike,
+        heading_rad: ArrayLike | None = None,
+        height_m: ArrayLike | None = None,
+    ) -> Trajectory:
+        """A track whose velocities are finite differences of its positions.
+
+        Parameters
+        ----------
+        time_s : (N,)
+            Strictly rising.
+        position_m : (N, 2)
+        heading_rad : (N,), optional
+            Default: the direction of motion, and while it stands still that before (at first the first one).
+        height_m : (N,), optional
+
+        Raises
+        ------
+        InputError
+            As of a trajectory.
+        """
+        time = numbers(time_s, "trajectory: time_s", SECONDS)
+        position = numbers(position_m, "trajectory: position_m")
+        if time.ndim != 1 or position.shape != (len(time), 2):
+            raise InputError("trajectory: position_m", f"shape {position.shape}", f"({time.size}, 2)")
+        if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
+            raise InputError("trajectory: time_s", "times that don't rise", "strictly rising times")
+        velocity = np.gradient(position, time, axis=0) if len(time) > 1 else np.zeros_like(position)
+        turn = (
+            _of_motion(velocity) if heading_rad is None else numbers(heading_rad, "trajectory: heading_rad")
+        )
+        high = None if height_m is None else numbers(height_m, "trajectory: height_m")
+        return cls(time, position, velocity, turn, high)
 
     def __repr__(self) -> str:
         """One line."""
@@ -141,10 +179,17 @@ class Trajectory:
         if not rows:
             raise InputError(str(path), "no poses", f"lines of {TUM_COLUMNS}")
         table = np.array(rows)
-        time, position = table[:, 0], table[:, 1:3]
-        velocity = np.gradient(position, time, axis=0) if len(time) > 1 else np.zeros_like(position)
         high = table[:, 3] if table[:, 3].any() else None
-        return cls(time, position, velocity, 2 * np.arctan2(table[:, 6], table[:, 7]), high)
+        return cls.of_poses(table[:, 0], table[:, 1:3], 2 * np.arctan2(table[:, 6], table[:, 7]), high)
+
+
+def _of_motion(velocity_mps: Array) -> Array:
+    """Directions (N,) of velocities (N, 2), rad; where there is none, that before, or else the first one."""
+    moving = np.flatnonzero((velocity_mps != 0).any(1))
+    if not len(moving):
+        return np.zeros(len(velocity_mps))
+    latest = moving[np.maximum(np.searchsorted(moving, np.arange(len(velocity_mps)), side="right") - 1, 0)]
+    return np.asarray(np.arctan2(velocity_mps[latest, 1], velocity_mps[latest, 0]))
 
 
 def _pose(words: list[str], where: str) -> list[float]:

@@ -39,10 +39,9 @@ def test_rows_of_masked_arrays_and_masked_flags(heard):
         replace(heard.scan(0), anchor=whose).checked(1)
     there = np.ma.masked_array([[True], [True]], [[False], [True]])
     samples, offset = 1j * np.ones((2, 1, 8)), 1e7 * np.arange(8)
-    assert gs.Recording.from_arrays(samples, 6e9, offset, ["A"], heard=there).heard.tolist() == [
-        [True],
-        [False],
-    ]
+    received = gs.Recording.from_arrays(samples, 6e9, offset, ["A"], heard=there)
+    assert received.heard.tolist() == [[True], [False]]
+    assert replace(received, heard=there).heard.tolist() == [[True], [False]]
 
 
 def test_masked_paths_are_padding_and_masked_angles_not_measured(heard):

@@ -230,3 +230,33 @@ def test_pauses_hold_the_pose_at_the_middle_of_each_corner_and_nothing_else_chan
     assert np.linalg.norm(corner - middle) < 0.05
     same = smooth_track(points, 0.05, 0.5, 0.03, np.zeros(3))
     assert same == plain
+
+
+def test_velocities_and_headings_of_poses_are_those_of_motion():
+    time = [0.0, 1.0, 3.0, 4.0, 5.0]
+    stands = [[0, 0], [2, 0], [6, 0], [6, 0], [6, 0]]  # 2 m/s along x, then still
+    track = Trajectory.of_poses(time, stands)
+    np.testing.assert_allclose(track.velocity_mps[:2], [[2, 0], [2, 0]])
+    assert not track.heading_rad.any()
+    north = Trajectory.of_poses(time, np.array(stands)[::-1, ::-1])  # still, then 6 m down
+    np.testing.assert_allclose(north.heading_rad, -np.pi / 2)
+    told = Trajectory.of_poses(time, stands, heading_rad=[0, 1, 2, 3, 3], height_m=np.ones(5))
+    assert told.heading_rad[2] == 2
+    assert told.height_m.tolist() == [1.0] * 5
+    still = Trajectory.of_poses([0.0], [[1, 2]])
+    assert not still.velocity_mps.any()
+    assert not still.heading_rad.any()
+
+
+@pytest.mark.parametrize(
+    ("time", "place", "where"),
+    [
+        ([0, 1], np.zeros((3, 2)), "position_m"),
+        ([1, 1], np.zeros((2, 2)), "time_s"),
+        ([0, np.nan], np.zeros((2, 2)), "time_s"),
+        ([0, 1], [[0, 0], [np.nan, 0]], "position_m"),
+    ],
+)
+def test_poses_that_cannot_be_are_refused(time, place, where):
+    with pytest.raises(InputError, match=where):
+        Trajectory.of_poses(time, place)
