@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 from gridslam import runtime
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.maps.frames import fitted
@@ -105,7 +105,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             apart = f"{self.method} by particles, or by Gaussians apart" if self.finds_places else self.method
             require_known_places(scene.name, scene.anchors, apart)
         self.scene, self.seed = scene, seed
-        self.model = self._model(self._about_middle(scene.filter_model(agent)))
+        self.model = self._model(self._prepared(scene.filter_model(agent)))
         self.agent = self.model.agent
         self.work, self.turns = self._workspace(), runtime.Turns()
         prior = None
@@ -162,12 +162,13 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         """What of an earlier agent's map no state holds, but goes into the map that is made."""
         return None
 
-    def _about_middle(self, model: FilterModel) -> FilterModel:
-        """The model in the coordinates that the system reckons in.
+    def _prepared(self, model: FilterModel) -> FilterModel:
+        """The model with the filter's seed, in the coordinates that the system reckons in.
 
         Where anchors may be turned, walls' offsets from a far origin have long levers: about the middle then.
         """
         turning = self.finds_places and bool(model.unsure.any())
+        model = replace(model, seed=self.seed)
         return about(model, middle_of(model.grid, turning)) if self.centres else model
 
     def _model(self, model: FilterModel) -> Any:

@@ -61,7 +61,7 @@ class NetworkFront(FilterFront[NetworkScan, Believed]):
 
     def _model(self, model: FilterModel) -> NetworkModel:
         network = network_model(self.scene, self._names or [model.agent])
-        return replace(network, agents=tuple(map(self._about_middle, network.agents)))
+        return replace(network, agents=tuple(map(self._prepared, network.agents)))
 
     def _checked(self, scan: Any, after: float | None) -> Any:
         self._single = isinstance(scan, Scan)

@@ -61,6 +61,8 @@ class FilterModel:
         Deviations of the anchors' places (m, of x and y each) and orientations (rad), (M568), (M569).
     aside : (senders, 3) float64, optional
         How they are believed to stand otherwise, dx, dy (m) and turn (rad): `anchors` has that in.
+    seed : int
+        By which a start draws particles, where a method has any.
     """
 
     scene: str
@@ -82,6 +84,7 @@ class FilterModel:
     origin_m: Array = field(default_factory=lambda: fixed(np.zeros(2)), kw_only=True)
     mounting_std: Array = field(kw_only=True)
     aside: Array | None = field(default=None, kw_only=True)
+    seed: int = field(default=0, kw_only=True)
 
     @property
     def senders(self) -> int:

@@ -7,6 +7,9 @@ import pytest
 
 import gridslam as gs
 from gridslam.errors import InputError
+from gridslam.systems.published.direct_paper import PublishedDirectSlam
+from gridslam.systems.published.network_paper import PublishedNetworkSlam
+from gridslam.systems.published.refa import PublishedVirtualAnchorSlam
 from gridslam.systems.soundness import require_sound
 from gridslam.systems.virtual_anchor import VirtualAnchorSlam
 
@@ -66,3 +69,21 @@ def test_a_checkpoint_whose_particles_dont_fit_is_refused(world):
     for broken in (None, replace(samples, agent=samples.agent[:5]), replace(samples, identity=np.array([3]))):
         with pytest.raises(InputError, match="samples"):
             require_sound(replace(slam.state, samples=broken), slam.model, "file")
+
+
+STARTS = {
+    PublishedVirtualAnchorSlam: ("room", lambda state: state.agent),
+    PublishedDirectSlam: ("overlap", lambda state: state.agent),
+    PublishedNetworkSlam: ("exchange", lambda state: state.agents[0]),
+    gs.AdaptiveSlam: (None, lambda state: state.samples.agent),
+}
+
+
+@pytest.mark.parametrize("system", STARTS)
+def test_a_start_draws_particles_by_its_seed(world, system):
+    """Or all runs of a study would begin with one draw of the prior."""
+    name, particles = STARTS[system]
+    scene = world[0] if name is None else gs.Scene.load(name).with_filter(particles=50)
+    first, again, other = (particles(system(scene, seed=seed).state) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not (first == other).any()

@@ -42,7 +42,7 @@ FRESH_SIGHT = 0.9
 def start(model: SignalModel, prior: Map | None = None) -> ParticleState:
     """The state before the first step: particles of the agent's prior, and the anchors as features."""
     count, anchors = model.settings.particles, len(model.anchors)
-    draw = np.random.default_rng([count, anchors])
+    draw = np.random.default_rng([count, anchors, model.seed])
     agent = model.start_mean[:4] + np.sqrt(model.start_variance[:4]) * draw.standard_normal((count, 4))
     place = np.broadcast_to(model.anchor_positions[:, None], (anchors, count, 2)).copy()
     features = Features(

@@ -47,7 +47,7 @@ from gridslam.world.start import require_scene
 def start(model: FilterModel, prior: Map | None = None) -> ImageState:
     """The state before the first step: particles of the agent's prior, and lines of sight in free space."""
     count, anchors = model.settings.particles, len(model.anchors)
-    draw = np.random.default_rng([count, anchors])
+    draw = np.random.default_rng([count, anchors, model.seed])
     half = np.sqrt(3 * model.start_variance)
     agent = model.start_mean + half * draw.uniform(-1, 1, (count, 5))
     place = np.repeat(model.anchor_positions[:, None], count, axis=1)

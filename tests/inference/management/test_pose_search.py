@@ -11,7 +11,13 @@ from scipy.stats import norm
 import gridslam as gs
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.management.poses.pose_fix import Sources
-from gridslam.inference.management.poses.pose_score import IN_SIGHT, NEAREST_M, TWICE, PoseLikelihood
+from gridslam.inference.management.poses.pose_score import (
+    IN_SIGHT,
+    NEAREST_M,
+    TWICE,
+    AnchorTerms,
+    PoseLikelihood,
+)
 from gridslam.inference.management.poses.pose_search import (
     APART_M,
     APART_RAD,
@@ -21,6 +27,7 @@ from gridslam.inference.management.poses.pose_search import (
     line_of_sight_poses,
     reflected_poses,
 )
+from gridslam.inference.management.poses.scan_terms import ScanTerms
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.world.geometry import course, line_between, mirror, unit, wrap
 from gridslam.world.radio import REFLECTION_BINS
@@ -331,3 +338,20 @@ def test_poses_by_a_map_hear_single_bounces_as_they_were_heard(scene, first_scan
             there = [path.distance[0], path.departure[0] - own.orientation, path.arrival[0] - pose[2]]
             np.testing.assert_allclose(there[0], value[0], atol=1e-9)
             np.testing.assert_allclose(wrap(np.array(there[1:]) - value[1:]), 0, atol=1e-9)
+
+
+def test_clutter_of_what_was_measured_does_not_depend_on_where_distances_may_lie(scene, first_scans):
+    """A row without a distance has the same clutter in twice the window; one with it half as dense."""
+    model, scan = scene.filter_model("agent1"), first_scans[0]
+    scan = replace(scan, distance_m=np.where(np.arange(len(scan)) == 0, np.nan, scan.distance_m))
+    own = split_by_anchor(scan, model)[0]
+    most = model.radio.max_distance_m
+    narrow, wide = (
+        AnchorTerms.of(own, replace(model.radio, window_m=window), 0.1).log_clutter
+        for window in (None, (-most, most))
+    )
+    blind = np.isnan(own.value[:, 0])
+    assert blind.sum() == 1
+    np.testing.assert_allclose(wide - narrow, np.where(blind, 0.0, -np.log(2)), atol=1e-12)
+    terms = [ScanTerms.of(own, replace(model.radio, window_m=one)).flat for one in (None, (-most, most))]
+    np.testing.assert_allclose(terms[1] / terms[0], [2, 1, 1])

@@ -15,16 +15,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.layout import AGENT, POSE
 from gridslam.inference.health.early_watch import EARLY
-from gridslam.inference.health.monitor import MOST_LOUD
-from gridslam.inference.management.poses.pose_fix import (
-    COPIES,
-    LOUDEST,
-    MAP_M,
-    MAP_RAD,
-    Fix,
-    best_pose,
-    known_sources,
-)
+from gridslam.inference.management.poses.pose_fix import COPIES, Fix, best_pose, known_sources
 from gridslam.inference.management.poses.pose_recovery import (
     PURPOSE,
     freed,
@@ -32,9 +23,10 @@ from gridslam.inference.management.poses.pose_recovery import (
     near_any_path,
     near_paths,
 )
+from gridslam.inference.management.poses.scan_terms import ScanTerms, loudest_rows
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
 from gridslam.inference.messages.mirrors import unweighed_bank
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_scan
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_scan
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
@@ -185,14 +177,9 @@ def placed_at(state: NetworkState, agent: int, fix: Fix, velocity: float) -> Net
 
 def proposed_poses(beacons: Beacons, scan: AnchorScan, radio: RadioModel, draw: np.random.Generator) -> Array:
     """Poses (N, 3) that the loud measurements stand for, had they come from any of the beacons."""
-    rows = np.flatnonzero(~np.isnan(scan.value).any(1) & scan.loud)
+    rows, std = loudest_rows(scan, radio)
     if not len(rows) or not len(beacons):
         return np.zeros((0, 3))
-    if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
-        rank = np.argsort(-np.nan_to_num(scan.amplitude[rows], nan=radio.threshold), kind="stable")
-        rows = np.sort(rows[rank[:MOST_LOUD]])
-    strength = np.nan_to_num(scan.amplitude[rows], nan=radio.threshold)
-    std = deviations(scan, rows, strength, scan.value[rows, 1:], radio)
     may = (scan.label[rows] < 0) | (scan.label[rows] == beacons.anchor[:, None])
     poses = []
     for copy in range(COPIES):
@@ -222,22 +209,16 @@ def log_likelihood(
     there = beacons.chance * (straight | (sides > 0))
     strength = radio.amplitude(distance, beacons.level)
     log = -(there * table(strength)).sum(1)
-    rows, known = np.arange(len(scan)), np.isfinite(scan.amplitude)
-    amplitude = np.where(known, scan.amplitude, radio.threshold)
-    std = deviations(scan, rows, amplitude, np.nan_to_num(scan.value[:, 1:]), radio)
-    measured = np.isfinite(std)
-    variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
-    wide = variance[None] + beacons.variance[:, None, None] * np.array([1.0, 0.0, 0.0])
-    flat = np.array([radio.span_m, 2 * np.pi, 2 * np.pi])
+    terms = ScanTerms.of(scan, radio)
+    measured, flat = terms.measured, terms.flat
+    wide = terms.variance[None] + beacons.variance[:, None, None] * np.array([1.0, 0.0, 0.0])
     square = np.where(measured, -2 * np.log(flat / np.sqrt(2 * np.pi * wide)), 0.0).sum(-1)[None]
     predicted = (distance + beacons.shift, leaving, back - poses[:, 2, None])
     for axis, value in enumerate(predicted):
         gap = scan.value[:, axis] - value[..., None]
         gap = gap if axis == 0 else wrap(gap)
         square = square + np.where(measured[:, axis], gap**2 / wide[..., axis], 0.0)
-    blur = 0.5 + (0.25 * strength[..., None]) ** 2
-    square = square + np.where(known, (amplitude - strength[..., None]) ** 2 / blur, 0.0)
-    tail = np.where(known, np.minimum(amplitude**2 - radio.threshold**2, LOUDEST), 0.0)
-    ratio = np.exp(np.minimum(tail - np.log(radio.false_alarms) - 0.5 * square, 60.0))
+    square = square + terms.misfit(strength)
+    ratio = np.exp(np.minimum(terms.tail - np.log(radio.false_alarms) - 0.5 * square, 60.0))
     may = (scan.label < 0) | (scan.label == beacons.anchor[:, None])
     return np.asarray(log + np.log1p((there[..., None] * may * ratio).sum(1)).sum(1))

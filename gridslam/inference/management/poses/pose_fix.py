@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import OF_POSE, POSE
-from gridslam.inference.health.monitor import MOST_LOUD
+from gridslam.inference.management.poses.scan_terms import ScanTerms, loudest_rows
 from gridslam.inference.messages.amplitudes import DetectionTable
 from gridslam.inference.messages.path_prediction import paths_now
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.arrangement import unparked
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
@@ -33,13 +33,10 @@ COPIES, DRAWN, REFINED = 10, 150, 400
 """Draws per hypothesis, of the belief, and about the best pose."""
 MODE_M, MODE_RAD = 0.6, 0.45
 """Poses closer than this are one mode."""
-MAP_M, MAP_RAD = 0.03, 0.02
-"""What the map's own errors add to a measurement's."""
 CLEAR, WORTH = 5.0, 8.0
 """Log-likelihood by which a mode must beat the next one, and the pose that was believed."""
 BLOCK = 200_000
 """Poses x images x measurements that are scored at a time."""
-LOUDEST = 25.0
 
 
 @dataclass(frozen=True)
@@ -203,14 +200,9 @@ def _proposals(
     """Poses (N, 3) that the loud measurements stand for, over each surface they could have come by."""
     poses = [np.zeros((0, 3))]
     for own, scan in zip(images, scans, strict=True):
-        rows = np.flatnonzero(~np.isnan(scan.value).any(1) & scan.loud)
+        rows, std = loudest_rows(scan, radio)
         if not len(rows):
             continue
-        if len(rows) > MOST_LOUD:  # or poses x measurements would grow with their square
-            rank = np.argsort(-np.nan_to_num(scan.amplitude[rows], nan=radio.threshold), kind="stable")
-            rows = np.sort(rows[rank[:MOST_LOUD]])
-        strength = np.nan_to_num(scan.amplitude[rows], nan=radio.threshold)
-        std = deviations(scan, rows, strength, scan.value[rows, 1:], radio)
         for copy in range(COPIES):
             value = scan.value[rows] + (copy > 0) * std * draw.standard_normal((len(rows), 3))
             leaving = scan.orientation + value[None, :, 1]
@@ -239,24 +231,17 @@ def _log_likelihood(
     log = -(there * table(strength)).sum(1)
     if not len(scan):
         return np.asarray(log)
-    rows = np.arange(len(scan))
-    known = np.isfinite(scan.amplitude)
-    amplitude = np.where(known, scan.amplitude, radio.threshold)
-    std = deviations(scan, rows, amplitude, np.nan_to_num(scan.value[:, 1:]), radio)
-    measured = np.isfinite(std)
-    variance = np.where(measured, std, 1.0) ** 2 + np.array([MAP_M, MAP_RAD, MAP_RAD]) ** 2
+    terms = ScanTerms.of(scan, radio)
+    measured, variance = terms.measured, terms.variance
     predicted = (distance, leaving, back - poses[:, 2, None])
-    square = np.zeros((len(poses), len(own.image), len(rows)))
+    square = np.zeros((len(poses), len(own.image), len(scan)))
     for axis, value in enumerate(predicted):
         gap = scan.value[:, axis] - value[..., None]
         gap = gap if axis == 0 else wrap(gap)
         square += np.where(measured[:, axis], gap**2 / variance[:, axis], 0.0)
-    blur = 0.5 + (0.25 * strength[..., None]) ** 2
-    square += np.where(known, (amplitude - strength[..., None]) ** 2 / blur, 0.0)
-    flat = np.array([radio.max_distance_m, 2 * np.pi, 2 * np.pi])
-    constant = np.where(measured, np.log(flat / np.sqrt(2 * np.pi * variance)), 0.0).sum(1)
-    tail = np.where(known, np.minimum(amplitude**2 - radio.threshold**2, LOUDEST), 0.0)
-    ratio = np.exp(np.minimum(constant + tail - np.log(radio.false_alarms) - 0.5 * square, 60.0))
+    square += terms.misfit(strength)
+    constant = np.where(measured, np.log(terms.flat / np.sqrt(2 * np.pi * variance)), 0.0).sum(1)
+    ratio = np.exp(np.minimum(constant + terms.tail - np.log(radio.false_alarms) - 0.5 * square, 60.0))
     return np.asarray(log + np.log1p((there[..., None] * ratio).sum(1)).sum(1))
 
 

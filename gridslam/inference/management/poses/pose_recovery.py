@@ -16,7 +16,8 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import AGENT, HEADING, OF_POSE, POSE
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD, SWAMPED
-from gridslam.inference.management.poses.pose_fix import MAP_M, Fix, find_pose, known_sources
+from gridslam.inference.management.poses.pose_fix import Fix, find_pose, known_sources
+from gridslam.inference.management.poses.scan_terms import MAP_M
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.mirrors import unweighed
 from gridslam.inference.messages.path_prediction import predict_every_path

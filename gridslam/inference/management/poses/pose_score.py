@@ -18,6 +18,7 @@ import numpy as np
 from gridslam import runtime
 from gridslam.arrays import Array
 from gridslam.inference.management.poses.pose_fix import Sources
+from gridslam.inference.management.poses.scan_terms import MAP_VARIANCE
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.kernels.primitives import clues as column
@@ -32,8 +33,6 @@ TWICE = 0.1
 """Chance that a new path has bounced more than once: its AoD says nothing of the pose then."""
 NEAREST_M = 0.1
 """From an anchor to its image, at least: nearer, a line would stand in the anchor."""
-MAP_VARIANCE = np.array([0.03, 0.02, 0.02]) ** 2
-"""What a map's own errors add to a measurement's, m^2 and rad^2."""
 MISFIT = 7.5
 """Deviations from which on an AoD fits no new bounce."""
 
@@ -96,7 +95,7 @@ class AnchorTerms:
         value = scan.table[:, :3].copy()
         std = deviations(scan, rows, strength, value[:, 1:], radio)
         value[:, 1] += scan.orientation
-        flat = np.log([radio.max_distance_m, 2 * np.pi, 2 * np.pi])
+        flat = np.log([radio.span_m, 2 * np.pi, 2 * np.pi])
         clutter = radio.log_clutter(scan.amplitude) + (flat * ~np.isfinite(std)).sum(1)
         level = radio.amplitude(value[:, :1], REFLECTION_BINS)
         born = np.exp(radio.log_rician(strength[:, None], level))

@@ -46,7 +46,7 @@ class NetworkParticleState:
     def start(cls, model: NetworkModel) -> Self:
         """Particles of all priors, uniform as the scene says, and no virtual anchors."""
         count, several, anchors = model.settings.particles, len(model.agents), len(model.anchors)
-        draw = np.random.default_rng([count, anchors, several])
+        draw = np.random.default_rng([count, anchors, several, model.agents[0].seed])
         agents = np.empty((several, count, CLOCK + 1))
         for number, own in enumerate(model.agents):
             half = np.sqrt(3 * own.start_variance)

@@ -41,7 +41,7 @@ class StateSamples:
     def start(cls, model: FilterModel) -> Self:
         """Particles of the agent's prior, uniform as the scene says, and no surfaces."""
         count = -(-model.settings.particles // PATH_BLOCK) * PATH_BLOCK
-        draw = np.random.default_rng([count, len(model.anchors)])
+        draw = np.random.default_rng([count, len(model.anchors), model.seed])
         half = np.sqrt(3 * model.start_variance)
         agent = model.start_mean + half * draw.uniform(-1, 1, (count, AGENT))
         return cls(agent, np.zeros((0, count, 2)), np.zeros(0, np.int64))
