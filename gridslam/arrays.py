@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value")
+LATER = {"later": True}
+"""Metadata of a field that files of earlier versions lack: it is its default then."""
 NO_NUMBERS = {"c": "complex numbers", "b": "true or false", "SU": "text", "M": "dates (datetime64)",
               "m": "spans of time (timedelta64)"}  # fmt: skip
 """What arrays of some NumPy kinds hold, which could be taken for real numbers."""

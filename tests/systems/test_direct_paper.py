@@ -27,6 +27,7 @@ def test_it_follows_its_agent_and_goes_on_bit_for_bit(world, tmp_path):
         estimate = slam.step(scan)
         if scan.step >= 10:
             np.testing.assert_array_equal(estimate.covariance, again.step(scan).covariance)
-        assert np.linalg.norm(estimate.position_m - recording.truth.position_m[scan.step]) < 0.5  # 0.33 in eight seeds
+        off = estimate.position_m - recording.truth.position_m[scan.step]
+        assert np.linalg.norm(off) < 0.5  # 0.33 at most in eight seeds
     assert estimate.detected.sum() > 2
     assert slam.state.noise.mean() == pytest.approx(1.0, rel=0.5)

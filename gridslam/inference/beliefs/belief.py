@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotrs, dsygv
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import LATER, Array, replace
 from gridslam.inference.beliefs.layout import HEADING, PER_LINE, StateLayout
 from gridslam.world.geometry import wrap
 
@@ -41,7 +41,7 @@ class Belief:
     mean: Array
     covariance: Array
     clocks: int = 0
-    rises: int = field(default=0, kw_only=True, metadata={"later": True})
+    rises: int = field(default=0, kw_only=True, metadata=LATER)
 
     @cached_property
     def layout(self) -> StateLayout:

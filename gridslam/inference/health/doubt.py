@@ -13,6 +13,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.arrays import LATER
 from gridslam.inference.health import reasons
 
 ENOUGH_LOUD, LOW_LEAD = 6.0, 4.0
@@ -41,8 +42,6 @@ DOUBT_STEPS, SPREAD_M = 50, 0.3
 PLACE_COUNTS = 1e-4
 """Weight from which on a place is one that remains: evidence is that of beliefs that were vague, and of maps
 that are a little off."""
-LATER = {"later": True}
-"""Of fields that files of earlier versions may lack."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import LATER, Array, replace
 from gridslam.estimates import Health
 from gridslam.inference.beliefs.calibration import KEEP, Calibration
 from gridslam.inference.health import reasons
@@ -96,14 +96,14 @@ class HealthMonitor:
     since: int = 1_000_000
     crowd: int = 0
     dropped: int = 0
-    lost: int = field(default=0, metadata={"later": True})
-    look: FreshLook = field(default=FreshLook(), metadata={"later": True})
-    leap_m: float = field(default=0.0, metadata={"later": True})
-    since_leap: int = field(default=1_000_000, metadata={"later": True})
-    since_well: int = field(default=1_000_000, metadata={"later": True})
-    blind_m: float = field(default=0.0, metadata={"later": True})
-    early: float = field(default=0.0, metadata={"later": True})
-    trial: int = field(default=0, metadata={"later": True})
+    lost: int = field(default=0, metadata=LATER)
+    look: FreshLook = field(default=FreshLook(), metadata=LATER)
+    leap_m: float = field(default=0.0, metadata=LATER)
+    since_leap: int = field(default=1_000_000, metadata=LATER)
+    since_well: int = field(default=1_000_000, metadata=LATER)
+    blind_m: float = field(default=0.0, metadata=LATER)
+    early: float = field(default=0.0, metadata=LATER)
+    trial: int = field(default=0, metadata=LATER)
 
     def next_step(self, scan_size: int) -> Self:
         """A new step with `scan_size` measurements."""

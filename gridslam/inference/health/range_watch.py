@@ -15,7 +15,7 @@ from typing import Self
 
 import numpy as np
 
-from gridslam.arrays import Array
+from gridslam.arrays import LATER, Array
 from gridslam.inference.health import reasons
 from gridslam.inference.health.range_fits import (
     Crossing,
@@ -62,10 +62,10 @@ class RangeWatch:
     total: float = 0.0
     count: float = 0.0
     steps: int = 0
-    doubt: str = field(default="", metadata={"later": True})
-    looks: tuple[int, ...] = field(default=(), metadata={"later": True})
-    loudest: tuple[RangeWatch, ...] = field(default=(), metadata={"later": True})
-    late: tuple[RangeWatch, ...] = field(default=(), metadata={"later": True})
+    doubt: str = field(default="", metadata=LATER)
+    looks: tuple[int, ...] = field(default=(), metadata=LATER)
+    loudest: tuple[RangeWatch, ...] = field(default=(), metadata=LATER)
+    late: tuple[RangeWatch, ...] = field(default=(), metadata=LATER)
 
     @classmethod
     def start(cls, anchors: int) -> Self:

@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import LATER, Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.beliefs.layout import HEADING
@@ -78,7 +78,7 @@ class SightWatch:
     looks: Array
     checked: Array
     sums: Array
-    doubt: str = field(default="", metadata={"later": True})
+    doubt: str = field(default="", metadata=LATER)
 
     @classmethod
     def start(cls, anchors: int) -> Self:

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import LATER, Array, replace
 from gridslam.estimates import Health
 from gridslam.inference.beliefs.belief import diagonal_together
 from gridslam.inference.beliefs.calibration import KEEP
@@ -43,7 +43,7 @@ class SignalWatch:
     explained: float = 0.0
     power: float = 0.0
     silent: int = 0
-    early: float = field(default=0.0, metadata={"later": True})
+    early: float = field(default=0.0, metadata=LATER)
 
     def next_step(self, audible: int) -> Self:
         """A new step with snapshots of so many anchors."""

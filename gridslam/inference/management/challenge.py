@@ -14,6 +14,7 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import OF_POSE, POSE
+from gridslam.inference.beliefs.streams import CHALLENGE, LEAD
 from gridslam.inference.health.doubt import ONE_ALONE, Doubt
 from gridslam.inference.health.monitor import SILENT, SWAMPED
 from gridslam.inference.management.branching import branches_of
@@ -54,8 +55,6 @@ HERE_M, HERE_RAD = 0.1, 0.1
 """What is nearer to where the agent is believed to be is no other place."""
 TRIAL = 20
 """Steps that a challenger of a place that is called wrong has to map what is heard."""
-PURPOSE, PURPOSE_OF_LEAD = 4, 5
-"""Names of the streams of random numbers."""
 
 
 def pose_likelihood(
@@ -147,7 +146,7 @@ def _compared(
     compares = loud > 0 and (due or watch.is_urgent(evidence(), loud))
     if not (compares or watch.unproven):
         return watch
-    draw = np.random.default_rng([work.seed, state.step, PURPOSE_OF_LEAD])
+    draw = np.random.default_rng([work.seed, state.step, LEAD])
     found = compare_poses(pose_likelihood(scans, state, model), state.belief.mean[POSE], draw)
     if not scans.arrives and state.step <= FIRST_STEPS:  # a mirror may show all, and no wrong start be found
         found = found._replace(mirrored=0.0)
@@ -191,7 +190,7 @@ def challenged(
     due = state.step % EVERY == 0 or state.monitor.silent >= SILENT or population.watch.raised
     if not population.watch.doubtful or not due or not len(scan):
         return population
-    scans, stream = work.once(split_by_anchor, scan, model), [work.seed, state.step, PURPOSE]
+    scans, stream = work.once(split_by_anchor, scan, model), [work.seed, state.step, CHALLENGE]
     if crowd(scans) > SWAMPED:
         return population
     alone = pose_likelihood(scans, state, model)

@@ -13,10 +13,20 @@ import numpy as np
 
 from gridslam.arrays import replace
 from gridslam.inference.beliefs.belief import Belief
+from gridslam.inference.beliefs.streams import START_SEARCH
 from gridslam.inference.health import reasons
 from gridslam.inference.health.doubt import Doubt, places
 from gridslam.inference.health.range_watch import RangeWatch
-from gridslam.inference.management.branching import branches_of, conditioned, linear_width, split, widest
+from gridslam.inference.management.branching import (
+    LEAST_WIDTH_M,
+    TOO_WIDE,
+    WIDEST_M,
+    branches_of,
+    conditioned,
+    linear_width,
+    split,
+    widest,
+)
 from gridslam.inference.management.challenge import (
     HANDICAP,
     challenged,
@@ -44,8 +54,6 @@ from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
 Start = Callable[[FilterModel], State]
-PURPOSE = 3
-"""Names the stream of random numbers that a search takes."""
 PARTICLES = 512
 """Drawn for each of several hypotheses, at most: particles hardly matter, and one by one they cost time."""
 LOOK_EVERY, LOOK_OFTEN = 3, 30
@@ -143,7 +151,7 @@ def _search(
     if not len(scan):
         return None, prior
     scans = work.once(split_by_anchor, scan, model)
-    stream = [work.seed, prior.step, PURPOSE]
+    stream = [work.seed, prior.step, START_SEARCH]
     return find_modes(pose_likelihood(scans, prior, model), prior.belief, model.grid, CAP, stream), prior
 
 
@@ -176,7 +184,7 @@ def _listed(
     state = population.best
     prior = predict(state, scan.time_s, len(scan), model)
     known = known_sources(prior, model, work=work)
-    stream = [work.seed, state.step, PURPOSE]
+    stream = [work.seed, state.step, START_SEARCH]
     likelihood = pose_likelihood(scans, prior, model, known)
     modes = find_modes(likelihood, prior.belief, model.grid, CAP - 1, stream, POSES_BY_MAP)
     if not modes.complete:
@@ -193,8 +201,6 @@ def _listed(
 
 def _split(population: Population[State], scan: Scan, model: FilterModel) -> Population[State]:
     """The population with hypotheses split whose position is too wide to linearise what is heard about it."""
-    from gridslam.inference.management.branching import LEAST_WIDTH_M, TOO_WIDE, WIDEST_M
-
     narrow = TOO_WIDE * LEAST_WIDTH_M
     if not len(scan) or all(widest(state.belief) <= narrow for state in population.states):
         return population

@@ -27,7 +27,7 @@ from gridslam.world.radio import RadioModel
 class JointGaussian:
     """One Gaussian over agent and surfaces, correlated, (M15): the messages as they stand in their files."""
 
-    def with_surfaces(self, state: State, model: FilterModel, work: Workspace) -> State:
+    def with_surfaces(self, state: State, work: Workspace) -> State:
         """The state, of which surfaces have come, gone or changed places, in its representation."""
         return state
 
@@ -39,7 +39,7 @@ class JointGaussian:
 
     def recall(self, state: State, model: FilterModel, *, work: Workspace) -> State:
         """See `parking.recall`."""
-        return self.with_surfaces(parking.recall(state, model), model, work)
+        return self.with_surfaces(parking.recall(state, model), work)
 
     def predict_paths(
         self, state: State, anchor: int, model: FilterModel, *, work: Workspace
@@ -74,11 +74,11 @@ class JointGaussian:
         state, exchange, born = new_surfaces.add_births(
             state, births, scan, exchange, radio, model, work=work
         )
-        return self.with_surfaces(state, model, work), exchange, born
+        return self.with_surfaces(state, work), exchange, born
 
     def park(self, recalled: State, state: State, model: FilterModel, *, work: Workspace) -> State:
         """See `parking.park`."""
-        return self.with_surfaces(parking.park(recalled, state, model), model, work)
+        return self.with_surfaces(parking.park(recalled, state, model), work)
 
 
 class SeparateGaussians(JointGaussian):
@@ -89,7 +89,7 @@ class SeparateGaussians(JointGaussian):
     So no correlation outlasts the anchor that made it.
     """
 
-    def with_surfaces(self, state: State, model: FilterModel, work: Workspace) -> State:
+    def with_surfaces(self, state: State, work: Workspace) -> State:
         """Without the correlations that the latest messages made."""
         return replace(state, belief=separated(state.belief))
 
@@ -100,7 +100,7 @@ class SeparateParticles(JointGaussian):
     The state's Gaussian has their moments; all that is no matter of agent or surfaces goes by it.
     """
 
-    def with_surfaces(self, state: State, model: FilterModel, work: Workspace) -> State:
+    def with_surfaces(self, state: State, work: Workspace) -> State:
         """With particles of the surfaces there are."""
         return particles.sampled_anew(state, work=work)
 

@@ -19,7 +19,7 @@ from gridslam.inference.messages.births import Births, with_births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import LEAST_STD, AnchorScan, deviations
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.kernels import GIVEN_HEIGHT, HEIGHT, RISE
@@ -31,7 +31,6 @@ LEAST_SHARE, LEAST_LEVEL_M = 1e-4, 1e-3
 """Probability below which a measurement corrects nothing; length seen from above that slopes are taken at."""
 NOTHING = 1e-30
 """Precision of a measured elevation that is divided by at least."""
-LEAST_STD = 1e-6
 
 
 @dataclass(frozen=True)

@@ -119,11 +119,6 @@ class LikelihoodRatios:
         """Probability that the path caused the measurement, (L, M)."""
         return self.message[tables.RESPONSIBLE]
 
-    @property
-    def claimed(self) -> Array:
-        """What the known paths send to each measurement, (M,)."""
-        return self.measured[tables.CLAIMED]
-
     def times(self, factor: Array) -> LikelihoodRatios:
         """The same with a further factor (L, M) of the likelihoods."""
         pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()

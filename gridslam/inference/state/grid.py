@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import LATER, Array, replace
 from gridslam.world.radio import BINS
 
 NEVER_HIT = -1
@@ -44,7 +44,7 @@ class Grid:
     observed: NDArray[np.bool_]
     row: NDArray[np.int32]
     hit: NDArray[np.float32]
-    withheld: Array | None = field(default=None, metadata={"later": True})
+    withheld: Array | None = field(default=None, metadata=LATER)
 
     @classmethod
     def empty(cls, shape: tuple[int, int]) -> Self:

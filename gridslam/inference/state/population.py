@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import LATER, Array
 from gridslam.inference.health.doubt import Doubt
 from gridslam.inference.health.range_watch import RangeWatch
 from gridslam.inference.health.sight_watch import SightWatch
@@ -24,8 +24,6 @@ Join = Callable[[S, S, float, float], S]
 NONE = -1
 GUARDED = 10
 """Steps for which the parent of a branching is kept whatever its weight."""
-LATER = {"later": True}
-"""Of fields that files of earlier versions may lack."""
 
 
 @dataclass(frozen=True, eq=False)

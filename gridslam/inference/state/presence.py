@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.world.radio import BINS
 
+FRESH_SIGHT = 0.9
+"""Probability of an anchor's line of sight before anything was heard."""
+
 
 @dataclass(frozen=True, eq=False)
 class Presence:

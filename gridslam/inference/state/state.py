@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from scipy.linalg import block_diag
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import LATER, Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.beliefs.element_gains import ElementGains
@@ -19,17 +19,15 @@ from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.mountings import Mountings
 from gridslam.inference.state.parked import Parked
-from gridslam.inference.state.presence import Presence
+from gridslam.inference.state.presence import FRESH_SIGHT, Presence
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
 from gridslam.inference.state.rings import Rings
 from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 
-FRESH_SIGHT = 0.9
-"""Existence of an anchor's line of sight before the first scan."""
 FRESH_OVER = 0.3
-"""The same over floor or ceiling: less, so that an agent is placed by what is surer."""
+"""The same over floor or ceiling, less than `FRESH_SIGHT`: an agent is placed by what is surer."""
 
 
 def _no_corners() -> Array:
@@ -118,14 +116,14 @@ class State:
     leftovers: Leftovers | None = None
     by_line: LineEvidence | None = None
     presence: Presence | None = None
-    levels: Array | None = field(default=None, metadata={"later": True})
-    unexplained: Unexplained | None = field(default=None, metadata={"later": True})
-    turn_variance: float | None = field(default=None, metadata={"later": True})
-    turn_anchor: int = field(default=0, metadata={"later": True})
-    sight_nats: Array | None = field(default=None, metadata={"later": True})
-    elements: ElementGains | None = field(default=None, metadata={"later": True})
-    corners: Array = field(default_factory=_no_corners, metadata={"later": True})
-    mountings: Mountings | None = field(default=None, metadata={"later": True})
+    levels: Array | None = field(default=None, metadata=LATER)
+    unexplained: Unexplained | None = field(default=None, metadata=LATER)
+    turn_variance: float | None = field(default=None, metadata=LATER)
+    turn_anchor: int = field(default=0, metadata=LATER)
+    sight_nats: Array | None = field(default=None, metadata=LATER)
+    elements: ElementGains | None = field(default=None, metadata=LATER)
+    corners: Array = field(default_factory=_no_corners, metadata=LATER)
+    mountings: Mountings | None = field(default=None, metadata=LATER)
 
     @classmethod
     def start(cls, model: FilterModel) -> Self:

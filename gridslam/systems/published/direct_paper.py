@@ -24,10 +24,11 @@ from gridslam.inference.messages.published.direct_particles import (
     new_features,
     noise_message,
     predict_particles,
-    resampled,
     start_particles,
 )
+from gridslam.inference.messages.published.sampling import resampled
 from gridslam.inference.messages.samples.signal_likelihood import band_of
+from gridslam.inference.state.presence import FRESH_SIGHT
 from gridslam.inference.state.published.feature_particles import Features, ParticleState
 from gridslam.maps.map import Map
 from gridslam.systems.direct import require_single_antennas
@@ -35,8 +36,6 @@ from gridslam.systems.signal_front import SignalFilter
 from gridslam.world.filter_model import detected
 from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
-
-FRESH_SIGHT = 0.9
 
 
 def start(model: SignalModel, prior: Map | None = None) -> ParticleState:

@@ -30,8 +30,8 @@ from gridslam.inference.messages.published.image_particles import (
     updated_images,
 )
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.state.presence import FRESH_SIGHT
 from gridslam.inference.state.published.feature_particles import Features, ImageState
-from gridslam.inference.state.state import FRESH_SIGHT
 from gridslam.maps.map import Map
 from gridslam.systems.filter_front import FilterFront, require_paths
 from gridslam.systems.front import bare_map

@@ -162,7 +162,7 @@ def test_a_state_meets_the_messages_of_its_representation(settings, form):
     slam = gs.AdaptiveSlam(gs.Scene.load("room").with_filter(**settings), seed=1)
     found = representation_of(slam.state, slam.model)
     assert type(found) is form
-    after = found.with_surfaces(slam.state, slam.model, slam.work)
+    after = found.with_surfaces(slam.state, slam.work)
     assert (after is slam.state) == (form is JointGaussian)
     paths = found.predict_paths(slam.state, 0, slam.model, work=slam.work)
     assert (paths.recipe.bandwidth == 0.0) == (form is SeparateParticles), "at the particles themselves"

@@ -11,7 +11,7 @@ from gridslam.arrays import Array
 from gridslam.estimates import Health
 from gridslam.inference.health.signal_watch import assess_particles
 from gridslam.inference.messages.features.learning import Learned
-from gridslam.inference.messages.features.sight import Moments
+from gridslam.inference.messages.features.sight import Moments, los_power
 from gridslam.inference.state.features.hybrid_state import HybridState
 from gridslam.world.signal_model import SignalModel
 
@@ -73,8 +73,6 @@ def conclude(
     seconds : mapping of str to float
         What the step took so far, by stage.
     """
-    from gridslam.inference.messages.features.sight import los_power
-
     cloud, joint = state.particles, state.joint
     existence, power, noise = joint.existence, joint.los_power, joint.noise
     if cloud is not None:

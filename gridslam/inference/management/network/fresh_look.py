@@ -15,6 +15,7 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.layout import OF_POSE, POSE
+from gridslam.inference.beliefs.streams import NETWORK_LOOK
 from gridslam.inference.health.fresh_look import ANOTHER, BEYOND_ONE
 from gridslam.inference.health.monitor import HealthMonitor
 from gridslam.inference.management.network.recovery import FLOOR, Beacons, log_likelihood, placed_at
@@ -31,8 +32,6 @@ from gridslam.world.network_model import NetworkModel
 from gridslam.world.radio import RadioModel
 from gridslam.world.scan import Scan
 
-PURPOSE = 6
-"""Names the stream of random numbers."""
 EVERY, BELIEVED = 5, 4.0
 """Steps from one look to the next, unless the latest left a doubt; deviations within which a pose is the
 believed one."""
@@ -124,7 +123,7 @@ def _looked(
     """The best pose by lines of sight alone; None where nothing proposes any."""
     heard, part = work.once(whole_scan, scan, model), state.part(agent)
     radio, beacons = part.calibration.tuned(model.radio, 0), lines_of_sight(model)
-    table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, PURPOSE])
+    table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, NETWORK_LOOK])
 
     def likelihood(poses: Array, senders: Beacons = beacons) -> Array:
         return log_likelihood(poses, senders, heard, table, radio)

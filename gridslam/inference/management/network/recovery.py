@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.layout import AGENT, POSE
+from gridslam.inference.beliefs.streams import POSE_RECOVERY
 from gridslam.inference.health.early_watch import EARLY
 from gridslam.inference.management.poses.pose_fix import COPIES, Fix, best_pose, known_sources
 from gridslam.inference.management.poses.pose_recovery import (
-    PURPOSE,
     freed,
     is_vague,
     near_any_path,
@@ -140,7 +140,7 @@ def _recovered(
         elapsed = 0.0 if earlier_s is None or now_s is None else now_s - earlier_s
         belief = freed(belief, elapsed, model.settings.acceleration_mps2)
     radio = part.calibration.tuned(model.radio, 0)
-    table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, PURPOSE])
+    table, draw = detection_table(radio), np.random.default_rng([work.seed, state.step, agent, POSE_RECOVERY])
     asked = proposed_poses(beacons, anchor_scan, radio, draw)
     asked = asked[model.grid.holds(asked[:, :2])]
     fix = best_pose(

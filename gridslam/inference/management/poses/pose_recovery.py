@@ -15,6 +15,7 @@ from gridslam import runtime
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import AGENT, HEADING, OF_POSE, POSE
+from gridslam.inference.beliefs.streams import POSE_RECOVERY
 from gridslam.inference.health.monitor import ENOUGH, MOST_LOUD, SWAMPED
 from gridslam.inference.management.poses.pose_fix import Fix, find_pose, known_sources
 from gridslam.inference.management.poses.scan_terms import MAP_M
@@ -27,8 +28,6 @@ from gridslam.inference.workspace.workspace import Workspace, timed
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 
-PURPOSE = 2
-"""Names the stream of random numbers that a search takes."""
 VAGUE_M, VAGUE_RAD = 0.6, 0.4
 """Standard deviations of position and heading from which on a pose is searched for."""
 FREEDOM, FREE_TURN = 10.0, 1.0
@@ -72,7 +71,7 @@ def recover_pose(
     state = replace(state, monitor=replace(state.monitor, crowd=crowd(scans)))
     fix = find_pose(
         belief, state.belief, images, scans, detection_table(model.radio),
-        state.calibration.tuned(model.radio, 0), [work.seed, state.step, len(scans), PURPOSE],
+        state.calibration.tuned(model.radio, 0), [work.seed, state.step, len(scans), POSE_RECOVERY],
         model.grid,
     )  # fmt: skip
     if fix is None or not fix.clear or not (fix.better or not lost):

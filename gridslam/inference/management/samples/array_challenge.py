@@ -14,6 +14,7 @@ import numpy as np
 
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.layout import OF_POSE, POSE
+from gridslam.inference.beliefs.streams import ARRAY_CHALLENGE, ARRAY_LEAD
 from gridslam.inference.health.doubt import DOUBT_STEPS, ELSEWHERE, ONE_ALONE, Doubt
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.challenge import LISTED, POSES, anywhere, compare_poses, refined
@@ -40,8 +41,6 @@ EVERY, OFTEN = 10, 2
 """Steps from one comparison to the next, and while anything is doubtful."""
 FEWEST = 3
 """Loud paths of which most are new where the agent is lost, at least."""
-PURPOSE, PURPOSE_OF_SEARCH = 7, 8
-"""Names of the streams of random numbers."""
 SURELY = ELSEWHERE + ONE_ALONE
 """Nats by which another pose explains a scan better than the place that is believed in, by scan and map."""
 KEEPS = 5.0
@@ -68,7 +67,7 @@ def challenged(
     if not any_loud(paths):
         return population
     over = mapped(paths, scan, prior, model, work=work)
-    draw = np.random.default_rng([work.seed, state.step, PURPOSE])
+    draw = np.random.default_rng([work.seed, state.step, ARRAY_LEAD])
     pose = prior.belief.mean[POSE]
     best, here, mirrored = compare_poses(paths, pose, draw)
     here = max(here, float(refined(over, pose[None], draw)[1][0]))
@@ -114,7 +113,7 @@ def _found(
     """The one pose that explains a scan surely better, if there is no other."""
     if gain < SURELY:
         return None
-    stream = [work.seed, prior.step, PURPOSE_OF_SEARCH]
+    stream = [work.seed, prior.step, ARRAY_CHALLENGE]
     modes = find_modes(paths, anywhere(prior, model), model.grid, LISTED, stream, POSES)
     return modes if modes.complete and len(modes) == 1 else None
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from gridslam.inference.beliefs.streams import ARRAY_START
 from gridslam.inference.health.monitor import AFRESH
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.mixture import CAP
@@ -29,8 +30,6 @@ from gridslam.world.signal_model import SignalModel
 from gridslam.world.signal_scan import SignalScan
 
 Step = Callable[[State, SignalScan, SignalModel, Workspace], tuple[State, StepInfo]]
-PURPOSE = 6
-"""Names the stream of random numbers that a search takes."""
 EVERY = 5
 """Once patience is over, each so many scans are searched, as it takes its time."""
 
@@ -80,7 +79,7 @@ def advance_population(
 def _found(prior: State, scan: SignalScan, model: SignalModel, work: Workspace) -> State | None:
     """The state at the one pose within the prior that explains a scan, if there is no other."""
     likelihood = alone(prior, scan, model, work)
-    stream = [work.seed, prior.step, PURPOSE]
+    stream = [work.seed, prior.step, ARRAY_START]
     told = measure_heading(prior, scan, model, ARRIVING_RAD)
     modes = find_modes(likelihood, told.belief, model.grid, CAP, stream)
     if not is_clear(modes):

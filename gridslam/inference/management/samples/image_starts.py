@@ -41,8 +41,6 @@ ONE_PLACE_M, FOUND = 0.5, 0.5
 """Within which two images of an anchor are one; existence from which on an image needs its twin."""
 SEVERAL = 3
 """Anchors that tell a place by their distances."""
-UNSEEN = 4.0
-"""The same of a line of sight that makes no peak, in ratio to peaks at most."""
 
 
 def begun(state: DirectState, band: Band) -> Population[DirectState]:
@@ -166,7 +164,7 @@ def find_places(prior: DirectState, scan: SignalScan, model: SignalModel, band: 
         away = np.linalg.norm(place - model.anchor_positions[anchor], axis=1)
         worth = -EARLIER * np.arange(len(peaks))
         off = (away[:, None] - np.sort(peaks)) / (NARROW * band.resolution_m)
-        score += np.maximum((worth - 0.5 * off**2).max(1, initial=-np.inf), -UNSEEN * PEAKS)
+        score += np.maximum((worth - 0.5 * off**2).max(1, initial=-np.inf), -EARLIER * PEAKS)
     chosen, order = list[int](), np.argsort(-score, kind="stable")
     while len(order) and len(chosen) < FIRST:
         chosen.append(int(order[0]))

@@ -54,11 +54,6 @@ class Stretch:
         middle: Array = self.points[len(self.points) // 2, :2]
         return middle
 
-    @property
-    def scale(self) -> Array:
-        """Scale of places, extra lengths (m) and powers, (4,)."""
-        return np.array([1.0, 1.0, 1.0, self.unit])
-
     def rest(self, table: Array) -> Complex:
         """What line of sight and features (D, 4) leave of the samples, (K, N, M)."""
         wave, points = self.front.waveform, self.points

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.streams import CLOCK_CANDIDATES, CLOCK_SIGHTS
 from gridslam.inference.messages.network.clock_amplitudes import NOTHING
 from gridslam.inference.messages.network.clock_candidates import (
     Candidates,
@@ -32,8 +33,6 @@ from gridslam.world.scan import Scan
 
 LEAST_CHANCE = 0.1
 """Chance from which on a path of another anchor counts as what caused a measurement."""
-PURPOSE, PURPOSE_OF_SIGHTS = 9, 10
-"""Of random numbers: with all paths, and with lines of sight alone."""
 IN_SIGHT = 0.5
 """Chance of a line of sight at most, where agents' clocks are wide: what says otherwise is mostly a guess."""
 
@@ -89,7 +88,7 @@ def agent_evidence(
         lines_of_sight = one_per_anchor(paths.rays, len(sought))
         if lines_of_sight is not None:
             sights = _sights(paths, lines_of_sight, over_walls, level)
-            draw = np.random.default_rng([work.seed, bare.step, PURPOSE])
+            draw = np.random.default_rng([work.seed, bare.step, CLOCK_CANDIDATES])
             total += sight_votes(bare.belief, sights, paths.scan, model, sought, known, mass, centre, draw)
             telling = telling[paths.rays.bounces[telling] > 0]
     if len(telling):
@@ -169,7 +168,7 @@ def sights_evidence(
     clutter = np.broadcast_to(_clutter_density(level, radio), able.shape)
     return sight_votes(
         bare.belief, Sights(chance, accuracy, able, clutter), heard, model, sought,
-        np.zeros_like(sought), mass, centre, np.random.default_rng([work.seed, bare.step, PURPOSE_OF_SIGHTS]),
+        np.zeros_like(sought), mass, centre, np.random.default_rng([work.seed, bare.step, CLOCK_SIGHTS]),
     )  # fmt: skip
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.messages.published.sampling import resampled
+from gridslam.inference.messages.samples.image_births import INTENSITIES_DB
 from gridslam.inference.messages.samples.response_series import ResponseSeries
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, log_ratio
 from gridslam.inference.state.published.feature_particles import Features, ParticleState
@@ -19,8 +21,6 @@ SPACES = 4096
 """Of the folding range, into which distances of particles are sorted."""
 WALK_M, INTENSITY_WALK, NOISE_SHAPE = 1e-4, 0.02, 200.0
 """Random walks per step: features' places, intensities (relative), and shape of the noise's Gamma walk."""
-INTENSITIES_DB = np.arange(3.0, 34.0, 5.0)
-"""Intensities of a new feature over the noise, equally likely."""
 BIRTHS, FIRST_BIRTHS, FIRST_STEPS = 1e-4, 0.05, 8.0
 LEAST_EXISTENCE = 0.01
 STACKED_M, STACKED_EXISTENCE = 0.4, 0.3
@@ -212,11 +212,3 @@ def new_features(
         np.array([one[0] for one in made]), np.array([one[1] for one in made]).reshape(size, count, 2),
         np.array([one[2] for one in made]).reshape(size, count),
     )  # fmt: skip
-
-
-def resampled(logs: Array, draw: np.random.Generator) -> NDArray[np.int64]:
-    """Rows (P,) drawn systematically by weights exp(logs)."""
-    weight = np.exp(logs - logs.max())
-    edges = np.cumsum(weight) / weight.sum()
-    points = (np.arange(len(logs)) + draw.random()) / len(logs)
-    return np.minimum(np.searchsorted(edges, points), len(logs) - 1)

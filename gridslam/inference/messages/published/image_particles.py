@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.association import associate
-from gridslam.inference.messages.published.direct_particles import resampled
+from gridslam.inference.messages.published.sampling import moved_agents, resampled
 from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
 from gridslam.inference.state.published.feature_particles import Features, ImageState
 from gridslam.world.filter_model import FilterModel
@@ -106,16 +106,6 @@ def move(state: ImageState, time_s: float, model: FilterModel, draw: np.random.G
     existence = np.where(known.fixed, np.maximum(existence, LEAST_SIGHT), existence)
     features = replace(known, position=position, intensity=amplitude, existence=existence)
     return replace(state, agent=agent, features=features, time_s=time_s)
-
-
-def moved_agents(agent: Array, dt: float, model: FilterModel, draw: np.random.Generator) -> Array:
-    """Particles (P, 5) of an agent after a time (s): near-constant velocity, and a walk of the heading."""
-    agent = agent.copy()
-    push = model.settings.acceleration_mps2 * draw.standard_normal((len(agent), 2))
-    agent[:, :2] += dt * agent[:, 2:4] + 0.5 * dt**2 * push
-    agent[:, 2:4] += dt * push
-    agent[:, 4] += np.radians(model.settings.heading_deg) * draw.standard_normal(len(agent))
-    return agent
 
 
 def path_values(agent: Array, place: Array, fixed: NDArray[np.bool_], anchor: Array) -> Array:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gridslam.arrays import Array
-from gridslam.inference.messages.published.direct_particles import resampled
 from gridslam.inference.messages.published.image_particles import SPREAD, path_values
 from gridslam.inference.messages.published.network_particle_ratios import log_clutter, measured_deviations
 from gridslam.inference.messages.published.network_particles import FEW, NetworkMarginals
+from gridslam.inference.messages.published.sampling import resampled
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.published.feature_particles import Features
 from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.association import associate
-from gridslam.inference.messages.published.direct_particles import resampled
-from gridslam.inference.messages.published.image_particles import SUREST, moved_agents
+from gridslam.inference.messages.published.image_particles import SUREST
 from gridslam.inference.messages.published.network_particle_ratios import (
     GIVEN,
     NetworkRatios,
     blurred,
     pose_moments,
 )
+from gridslam.inference.messages.published.sampling import moved_agents, resampled
 from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.world.geometry import wrap
 from gridslam.world.network_model import NetworkModel

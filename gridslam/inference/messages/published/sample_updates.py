@@ -17,8 +17,7 @@ from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.beliefs.particles import Recipe
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
-from gridslam.inference.messages.published.direct_particles import resampled
-from gridslam.inference.messages.published.image_particles import moved_agents
+from gridslam.inference.messages.published.sampling import moved_agents, resampled
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.published.state_samples import StateSamples
 from gridslam.inference.state.state import State

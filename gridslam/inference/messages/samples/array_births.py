@@ -11,6 +11,7 @@ from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.beliefs.particles import Cloud
+from gridslam.inference.beliefs.streams import ARRAY_BIRTHS
 from gridslam.inference.messages.birth_proposals import SAMPLES, propose_births
 from gridslam.inference.messages.births import add_chosen
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
@@ -21,14 +22,13 @@ from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, NewPat
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels.primitives.tables import MEASURED_ROWS
 from gridslam.world.radio import RadioModel
 from gridslam.world.signal_model import SignalModel
 
-PURPOSE = 0xB1
-
 
 @dataclass(frozen=True)
-class _Peaks:
+class NothingClaimed:
     """New paths that no known one claims; see `birth_proposals.Measured`."""
 
     measured: Array
@@ -48,9 +48,10 @@ def add_new_surfaces(
     peaks, radio = peaks_of(new, anchor, snapshot.band, snapshot.radio, model)
     if not len(new):
         return state, peaks
-    draw = np.random.default_rng([work.seed, PURPOSE, state.step, anchor])
+    draw = np.random.default_rng([work.seed, ARRAY_BIRTHS, state.step, anchor])
     cloud = _cloud(state.belief, draw.standard_normal((len(state.belief.mean), SAMPLES)))
-    births, _ = propose_births(state, peaks, cloud, _Peaks(np.zeros((4, len(new)))), radio, model, work=work)
+    nothing = NothingClaimed(np.zeros((MEASURED_ROWS, len(new))))
+    births, _ = propose_births(state, peaks, cloud, nothing, radio, model, work=work)
     births = put_off_double_bounces(births, state, peaks, radio, model)  # (M516)
     state, born, _ = add_chosen(state, births, peaks, np.zeros(len(new)), radio, model)
     return state, peaks.take(np.setdiff1d(np.arange(len(new)), born[born[:, 1] > KNOWN, 0].astype(np.intp)))

@@ -13,6 +13,7 @@ from gridslam.inference.health.monitor import NO_FIT
 from gridslam.inference.messages.cells import RAYS
 from gridslam.inference.messages.detections import hits_of, latest_hits, with_hits
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood, log_amplitudes
+from gridslam.inference.scans.anchor_measurements import LOUD
 from gridslam.inference.state.polylines import Polylines
 from gridslam.inference.state.presence import Presence
 from gridslam.inference.state.state import State
@@ -108,7 +109,7 @@ def exchange_of(snapshot: Snapshot, likelihood: SnapshotLikelihood, model: Signa
     moved = np.square(vector.T @ mode.shift)[telling] * (1 + 1 / value[telling])
     fit[0, [MISFIT, FREEDOM]] = np.minimum(moved, WORST).sum(), telling.sum()
     amplitude = np.sqrt(likelihood.matched) / likelihood.own
-    loud = snapshot.radio.threshold**2 + np.log(1000.0)
+    loud = snapshot.radio.threshold**2 + LOUD
     count = np.count_nonzero((likelihood.matched / likelihood.own > loud) & (snapshot.chance > 0.5))
     fit[0, [CAUSED, LOUD_ONES]] = count, count + np.count_nonzero(likelihood.found.new.amplitude**2 > loud)
     fit[0, LEAST_PARTICLES] = np.inf

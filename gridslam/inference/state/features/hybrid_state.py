@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import LATER, Array
 from gridslam.inference.state.features.features import ENTRIES, MOVING, FeatureBank
 from gridslam.inference.state.features.networks import FeatureNetworks
 from gridslam.inference.state.features.sightings import Sightings
@@ -66,10 +66,10 @@ class JointBelief:
     existence: Array
     los_power: Array
     noise: Array
-    extent: float = field(default=0.0, metadata={"later": True})
-    sightings: Sightings = field(default_factory=Sightings.none, metadata={"later": True})
-    astray: bool = field(default=False, metadata={"later": True})
-    usual_s: float = field(default=0.0, metadata={"later": True})
+    extent: float = field(default=0.0, metadata=LATER)
+    sightings: Sightings = field(default_factory=Sightings.none, metadata=LATER)
+    astray: bool = field(default=False, metadata=LATER)
+    usual_s: float = field(default=0.0, metadata=LATER)
 
     @property
     def agent_covariance(self) -> Array:
@@ -240,12 +240,10 @@ class HybridState:
     time_s: float | None = None
     before_s: float | None = None
     lesson: HybridState | None = None
-    networks: FeatureNetworks | None = field(default=None, metadata={"later": True})
-    early: float = field(default=0.0, metadata={"later": True})
-    sights: int = field(default=0, metadata={"later": True})
-    sighted: NDArray[np.int64] = field(
-        default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True}
-    )
-    unseen: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), metadata={"later": True})
-    leap_m: float = field(default=0.0, metadata={"later": True})
-    since_leap: int = field(default=1_000_000, metadata={"later": True})
+    networks: FeatureNetworks | None = field(default=None, metadata=LATER)
+    early: float = field(default=0.0, metadata=LATER)
+    sights: int = field(default=0, metadata=LATER)
+    sighted: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), metadata=LATER)
+    unseen: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64), metadata=LATER)
+    leap_m: float = field(default=0.0, metadata=LATER)
+    since_leap: int = field(default=1_000_000, metadata=LATER)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import LATER, Array
 from gridslam.world.clocks import ClockModel
 
 CELL_M = 0.1
@@ -79,8 +79,8 @@ class ClockSearch:
     centre: Array
     since: NDArray[np.intp]
     doubt: Array
-    frame: NDArray[np.intp] = field(default_factory=one_frame, metadata={"later": True})
-    moved: Array = field(default_factory=none_moved, metadata={"later": True})
+    frame: NDArray[np.intp] = field(default_factory=one_frame, metadata=LATER)
+    moved: Array = field(default_factory=none_moved, metadata=LATER)
 
     @classmethod
     def start(cls, clocks: ClockModel) -> ClockSearch:

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import LATER, Array, replace
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.beliefs.layout import AGENT
@@ -17,8 +17,9 @@ from gridslam.inference.state.grid import Grid
 from gridslam.inference.state.network.belief import Loose, NetworkBelief
 from gridslam.inference.state.network.clock_search import ClockSearch
 from gridslam.inference.state.network.clock_walk import ClockWalk
+from gridslam.inference.state.presence import FRESH_SIGHT
 from gridslam.inference.state.ray_amplitudes import RayAmplitudes
-from gridslam.inference.state.state import FRESH_SIGHT, State
+from gridslam.inference.state.state import State
 from gridslam.inference.state.surface_bank import FRESH_DOUBLE, FRESH_SINGLE, SurfaceBank
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan
@@ -114,10 +115,10 @@ class NetworkState:
     grid: Grid | None = None
     walks: ClockWalk | None = None
     search: ClockSteps | None = None
-    began_s: float | None = field(default=None, metadata={"later": True})
-    turn_variance: float | None = field(default=None, metadata={"later": True})
-    turn_anchor: int = field(default=0, metadata={"later": True})
-    turning: NDArray[np.bool_] | None = field(default=None, metadata={"later": True})
+    began_s: float | None = field(default=None, metadata=LATER)
+    turn_variance: float | None = field(default=None, metadata=LATER)
+    turn_anchor: int = field(default=0, metadata=LATER)
+    turning: NDArray[np.bool_] | None = field(default=None, metadata=LATER)
 
     @classmethod
     def start(cls, model: NetworkModel) -> Self:

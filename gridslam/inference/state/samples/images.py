@@ -14,20 +14,17 @@ from typing import Any, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import LATER, Array
 from gridslam.inference.beliefs.belief import Belief, carry
 from gridslam.inference.health.signal_watch import SignalWatch
+from gridslam.inference.state.presence import FRESH_SIGHT
 from gridslam.inference.state.rings import BEARINGS, MOVING, Rings, pushed
 from gridslam.world.geometry import unit
 
 Whole = NDArray[np.int64]
 Part = TypeVar("Part", "Belief", "Images", "Links", "Rings")
-LATER = {"later": True}
-"""Of fields that files of earlier versions lack."""
 MEMORY = 50.0
 """Steps over which an intensity is averaged."""
-FRESH_SIGHT = 0.9
-"""Probability of an anchor's own path before the first snapshot."""
 
 
 @dataclass(frozen=True, eq=False)
