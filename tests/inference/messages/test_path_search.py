@@ -77,7 +77,7 @@ class Hats:
         return best
 
     def widened(self, prior, mode, peak):
-        return None if peak == 7 else (*prior, peak)  # 7 is known already
+        return None if peak == 7 else ((*prior, peak), sum(prior) + peak)  # 7 is known already
 
     def takes(self, prior, mode, trial, peak):
         assert (trial, sum(prior)) == (mode + peak, trial)

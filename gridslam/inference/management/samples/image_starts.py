@@ -15,8 +15,9 @@ from gridslam.arrays import Array
 from gridslam.inference.health.reasons import NOT_FOUND, several_places
 from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.samples.distance_mode import FREE_M
-from gridslam.inference.messages.samples.image_births import INTENSITIES_DB, FoundDistances, birth_rate
+from gridslam.inference.messages.samples.image_births import FoundDistances, birth_rate
 from gridslam.inference.messages.samples.image_prediction import predict_state
+from gridslam.inference.messages.samples.open_distances import INTENSITIES_DB
 from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse, band_of
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.rings import MOVING

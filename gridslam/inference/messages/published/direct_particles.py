@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.published.sampling import resampled
-from gridslam.inference.messages.samples.image_births import INTENSITIES_DB
+from gridslam.inference.messages.samples.open_distances import INTENSITIES_DB
 from gridslam.inference.messages.samples.response_series import ResponseSeries
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, log_ratio
 from gridslam.inference.state.published.feature_particles import Features, ParticleState

@@ -141,17 +141,20 @@ class _Peaks:
             return None
         return _Peak(path, float(abs(matched[0]) / own[0]) ** 2)
 
-    def widened(self, prior: PathsPrior, mode: StateMode, peak: _Peak) -> PathsPrior | None:
+    def widened(self, prior: PathsPrior, mode: StateMode, peak: _Peak) -> tuple[PathsPrior, StateMode] | None:
         known, power = len(prior.table), self.power
         close = beside(self.band, mode.path, peak.path)
         faint = close[:known] & (LEAST_RAISE * prior.weight[:known] < HALF * power)
         if faint.any():
             row = int(np.where(faint, power, -1.0).argmax())
-            return prior.reweighted(row, HALF * power[row])
+            return self._solved(prior.reweighted(row, HALF * power[row]))
         if close.any():
             self.avoid = np.concatenate([self.avoid, mode.path[close], peak.path[None]])
             return None
-        return prior.with_path(peak.path, peak.power)
+        return self._solved(prior.with_path(peak.path, peak.power))
+
+    def _solved(self, prior: PathsPrior) -> tuple[PathsPrior, StateMode]:
+        return prior, self.solve(prior)
 
     def takes(self, prior: PathsPrior, mode: StateMode, trial: StateMode, peak: _Peak) -> bool:
         if len(trial.path) == len(mode.path):  # a known path was raised

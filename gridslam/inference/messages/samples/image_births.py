@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array, squared
+from gridslam.arrays import Array
 from gridslam.inference.messages.samples.distance_mode import Mode, PathPrior, joint_mode
+from gridslam.inference.messages.samples.open_distances import BESIDE_M, OpenDistances, Scores
 from gridslam.inference.messages.samples.path_search import take_in
-from gridslam.inference.messages.samples.returning_paths import Explanation, explanations, reach_of
-from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep, log_ratio
+from gridslam.inference.messages.samples.returning_paths import Explanation, Peak, explanations, reach_of
+from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, Sweep
 
 Complex = NDArray[np.complex128]
 LEVELS = (1.0, 3.0, 10.0, 30.0)
 """By how much the line of sight may be louder at the first steps than is believed, equally likely."""
-INTENSITIES_DB = np.arange(3.0, 34.0, 5.0)
-"""Intensities of a new path over the noise, equally likely."""
 MOST_NEW, MOST_TENTATIVE = 10, 8
 """New images per anchor and step; tentative ones per anchor."""
 BIRTHS, FIRST_BIRTHS, FIRST_STEPS = (1e-4, 5e-4), (0.05, 0.5), 8.0
@@ -26,14 +26,8 @@ BIRTHS, FIRST_BIRTHS, FIRST_STEPS = (1e-4, 5e-4), (0.05, 0.5), 8.0
 filter; at the first step, and for how many steps. At the start several cells hold paths, over two bounces
 half of them; with the rate of a running filter the line of sight is dragged towards reflections that aren't
 in the model yet."""
-POINTS = 2048
-"""Of the folding range, at which one more path is tried."""
 LEAST_EXISTENCE = 0.01
 """Existence below which a tentative image isn't begun."""
-NEAR_M, BESIDE_M = 0.05, 0.2
-"""By how much an image must be farther than its anchor; how near to a known path a weak one is none."""
-DEVIATIONS = 2.0
-"""Deviations of the line of sight that come on top."""
 ACCEPTED = np.log(8.0) - 2.0
 """What a gain in log posterior is worth more than a ratio of likelihoods: searched at 8 points of a cell,
 less what fitting a distance and an intensity gains in noise."""
@@ -125,7 +119,7 @@ def find_births(
     prior = with_sight(band, samples, prior, noise) if first else prior
     births, known = _Births(band, samples, prior, noise, rate), len(prior.mean)
     prior, mode = take_in(births, prior)
-    inverse, table = births.explained(prior, mode)
+    inverse, table = births.at(prior, mode).left
     return FoundDistances(prior, mode, births.taken + births.weak, inverse, table, known)
 
 
@@ -140,27 +134,53 @@ def with_sight(band: Band, samples: Complex, prior: PathPrior, noise: float) -> 
     return louder[int(np.argmax(trials))]
 
 
-@dataclass(frozen=True, eq=False)
-class _Scores:
-    """Log ratios of one more path, by intensity and distance, where it may be worth a look.
+class _Trial(NamedTuple):
+    """What may make a peak, and the joint mode of all paths then."""
 
-    Attributes
-    ----------
-    rows : (G,) int
-        Of the grid.
-    logs : (I, G)
-    best, worth : (G,)
-        The highest, and the log of the mean ratio.
-    """
+    explanation: Explanation
+    mode: Mode
 
-    rows: NDArray[np.intp]
-    logs: Array
-    best: Array
-    worth: Array
+
+class _Stage:
+    """A prior and its mode, and what they leave unexplained: worked out where it is asked for, once."""
+
+    def __init__(self, births: _Births, prior: PathPrior, mode: Mode) -> None:
+        self._births, self.prior, self.mode = births, prior, mode
+        self._tried = dict[Peak, list[_Trial]]()
+
+    @cached_property
+    def left(self) -> tuple[Inverse, Sweep]:
+        """All paths at their mode, broadened by their variance, and what one more would be worth on top.
+
+        An error of 1 cm would else leave -24 dB of a strong path to be explained.
+        """
+        return self._one_more(self.mode.distance, self.mode.variance)
+
+    @cached_property
+    def beside_mode(self) -> Scores:
+        """Of one more path with the others at their mode."""
+        return self._births.open.scores(self.left[1])
+
+    @cached_property
+    def beside_prediction(self) -> Scores:
+        """Of one more path with the others as broad as they were predicted."""
+        spread = np.minimum(np.linalg.inv(self.prior.precision).diagonal(), WIDEST_M**2)
+        return self._births.open.scores(self._one_more(self.prior.mean, spread)[1])
+
+    def trials(self, peak: Peak) -> list[_Trial]:
+        """What may make a peak; the less likely one of two peaks is looked at again."""
+        if peak not in self._tried:
+            self._tried[peak] = self._births.trials(self.prior, peak)
+        return self._tried[peak]
+
+    def _one_more(self, distance: Array, variance: Array) -> tuple[Inverse, Sweep]:
+        own = self._births
+        inverse = Inverse.of(own.band, own.samples, self.prior.weight, distance, variance, own.noise)
+        return inverse, inverse.sweep(own.open.points)
 
 
 class _Births:
-    """Peaks over distance; see `path_search.Candidates`. A peak is a distance (m) and an intensity.
+    """Peaks over distance, with what may make each; see `path_search.Candidates`.
 
     Parameters
     ----------
@@ -180,127 +200,62 @@ class _Births:
     def __init__(self, band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float) -> None:
         self.band, self.samples, self.noise, self.rate = band, samples, noise, rate
         self.taken, self.weak = list[NewDistance](), list[NewDistance]()
-        deviation = DEVIATIONS * float(np.sqrt(1 / prior.precision[0, 0]))
-        self.nearest = float(prior.mean[0]) + NEAR_M + deviation
         self.reach = reach_of(prior, band.resolution_m)
-        gone = prior.away is not None and prior.away[0] > 0
-        lowest = min(self.nearest, float(prior.mean[0]) - self.reach[0]) if gone else self.nearest
-        # (M540): a folding range on from where the line of sight may be, it is heard itself
-        self.farthest = float(prior.mean[0]) - deviation + band.folding_m - band.resolution_m
-        self.points = max(POINTS, 2 * len(band))
-        grid = band.folding_m / self.points * np.arange(self.points)
-        self.grid = grid + band.folding_m * (grid < lowest)
-        sight = gone & (np.abs(self.grid - prior.mean[0]) < self.reach[0])
-        self.open = (self.grid < self.farthest) & ((self.grid >= self.nearest) | sight)
-        self.intensities = noise * 10 ** (INTENSITIES_DB / 10)
-        self.least = float(np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED - SOLVED_AGAIN)
-        self._latest: tuple[Mode, Inverse, Sweep] | None = None
-        self._solved: list[tuple[PathPrior, Mode]] = []
-        self._tried: dict[tuple[float, float], list[tuple[Explanation, Mode]]] = {}
-        self._tried_of: PathPrior | None = None
-        self._scored: list[tuple[Sweep, _Scores]] = []
-        self._judged: Explanation
-        self._predicted: tuple[PathPrior, Sweep] | None = None
+        least = float(np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED - SOLVED_AGAIN)
+        self.open = OpenDistances(band, prior, noise, least, float(self.reach[0]))
+        self._stage: _Stage | None = None
+
+    def at(self, prior: PathPrior, mode: Mode) -> _Stage:
+        """What a prior and its mode leave unexplained."""
+        stage = self._stage
+        if stage is None or stage.prior is not prior or stage.mode is not mode:
+            stage = self._stage = _Stage(self, prior, mode)
+        return stage
 
     def solve(self, prior: PathPrior) -> Mode:
-        for known, mode in self._solved:
-            if known is prior:
-                return mode
         return joint_mode(self.band, self.samples, prior, self.noise)
 
-    def explained(self, prior: PathPrior, mode: Mode) -> tuple[Inverse, Sweep]:
-        """All paths at their mode, broadened by their variance, and what one more would be worth on top.
-
-        An error of 1 cm would else leave -24 dB of a strong path to be explained.
-        """
-        if self._latest is None or self._latest[0] is not mode:
-            inverse = Inverse.of(
-                self.band, self.samples, prior.weight, mode.distance, mode.variance, self.noise
-            )
-            self._latest = mode, inverse, inverse.sweep(self.points)
-        return self._latest[1:]
-
-    def strongest(self, prior: PathPrior, mode: Mode) -> tuple[float, float] | None:
+    def strongest(self, prior: PathPrior, mode: Mode) -> _Trial | None:
         """Of two peaks the one with which all is likelier: beside the mode, or beside the prediction.
 
         Where two paths lie within the resolution, the one that is known may stand in for both at the mode,
         and nothing is left over.
         """
-        _, table = self.explained(prior, mode)
-        while peaks := [peak for peak in map(self._peak, (table, self._before(prior))) if peak is not None]:
-            tried = [one for peak in peaks for one in self._tries(prior, peak)]
-            worth = [trial.log_posterior + one.log_odds for one, trial in tried]
-            able = [one.possible(trial, mode, self.reach) for one, trial in tried]
-            if any(able):
-                self._judged, trial = tried[int(np.argmax(np.where(able, worth, -np.inf)))]
-                self._solved = [(self._judged.prior, trial)]
-                return self._judged.peak
+        stage = self.at(prior, mode)
+        while True:
+            found = map(self.open.peak, (stage.beside_mode, stage.beside_prediction))
+            peaks = [peak for peak in found if peak is not None]
+            tried = [one for peak in peaks for one in stage.trials(peak)]
+            able = [one for one in tried if one.explanation.possible(one.mode, mode, self.reach)]
+            if able or not peaks:
+                worth = [one.mode.log_posterior + one.explanation.log_odds for one in able]
+                return able[int(np.argmax(worth))] if able else None
             for distance, _ in peaks:  # too near for a new path, and too faint for the line of sight
-                self._put_aside(distance)
-        return None
+                self.open.put_aside(distance)
 
-    def _put_aside(self, distance: float) -> None:
-        self.open &= np.abs(self.grid - distance) > BESIDE_M
+    def trials(self, prior: PathPrior, peak: Peak) -> list[_Trial]:
+        """What may make a peak, each with its mode."""
+        new = float(np.log(self.rate) + ACCEPTED) if peak[0] >= self.open.nearest else None
+        may = explanations(prior, peak, new, self.reach)
+        return [_Trial(one, self.solve(one.prior)) for one in may]
 
-    def _tries(self, prior: PathPrior, peak: tuple[float, float]) -> list[tuple[Explanation, Mode]]:
-        """What may make a peak, each with its mode; the less likely one of two peaks is looked at again."""
-        if self._tried_of is not prior:
-            self._tried_of, self._tried = prior, {}
-        if peak not in self._tried:
-            new = float(np.log(self.rate) + ACCEPTED) if peak[0] >= self.nearest else None
-            may = explanations(prior, peak, new, self.reach)
-            self._tried[peak] = [(one, self.solve(one.prior)) for one in may]
-        return self._tried[peak]
+    def widened(self, prior: PathPrior, mode: Mode, peak: _Trial) -> tuple[PathPrior, Mode]:
+        return peak.explanation.prior, peak.mode
 
-    def _before(self, prior: PathPrior) -> Sweep:
-        """What one more path would be worth, with the others as broad as they were predicted."""
-        if self._predicted is None or self._predicted[0] is not prior:
-            spread = np.minimum(np.linalg.inv(prior.precision).diagonal(), WIDEST_M**2)
-            inverse = Inverse.of(self.band, self.samples, prior.weight, prior.mean, spread, self.noise)
-            self._predicted = prior, inverse.sweep(self.points)
-        return self._predicted[1]
-
-    def _peak(self, table: Sweep) -> tuple[float, float] | None:
-        """The likeliest distance of one more path, and its intensity; None where it isn't worth a look."""
-        scores = next((known for of, known in self._scored if of is table), None)
-        if scores is None:
-            scores = self._score(table)
-            self._scored = [*self._scored[-1:], (table, scores)]
-        worth = np.where(self.open[scores.rows], scores.worth, -np.inf)
-        if not len(worth):
-            return None
-        peak = int(worth.argmax())
-        if worth[peak] < self.least:
-            return None
-        share = np.exp(scores.logs[:, peak] - scores.best[peak])
-        return float(self.grid[scores.rows[peak]]), float(share @ self.intensities / share.sum())
-
-    def _score(self, table: Sweep) -> _Scores:
-        """What one more path is worth at all distances where it may be worth a look."""
-        least, matched = self.least, squared(table.matched)
-        # the best of all intensities is worth q - 1 - log q, q = matched / self_power > 1
-        worthy = self.open & (matched >= (1 + least) * table.self_power) if least > 0 else self.open
-        rows = np.flatnonzero(worthy)
-        logs = log_ratio(matched[rows], table.self_power[rows], self.intensities[:, None])
-        best = logs.max(0)
-        return _Scores(rows, logs, best, best + np.log(np.exp(logs - best).mean(0)))
-
-    def widened(self, prior: PathPrior, mode: Mode, peak: tuple[float, float]) -> PathPrior:
-        return self._solved[0][0]
-
-    def takes(self, prior: PathPrior, mode: Mode, trial: Mode, peak: tuple[float, float]) -> bool:
-        log_odds = trial.log_posterior - mode.log_posterior + self._judged.log_odds
-        if self._judged.back is not None:
+    def takes(self, prior: PathPrior, mode: Mode, trial: Mode, peak: _Trial) -> bool:
+        (distance, intensity), log_odds = peak.explanation.peak, peak.explanation.log_odds
+        log_odds += trial.log_posterior - mode.log_posterior
+        if peak.explanation.back is not None:
             if log_odds <= 0:
-                self._put_aside(peak[0])
+                self.open.put_aside(distance)
             return log_odds > 0
         existence = float(1 / (1 + np.exp(-np.clip(log_odds, -50, 50))))
-        new = NewDistance(existence, float(trial.distance[-1]), float(trial.variance[-1]), peak[1])
-        possible = existence >= LEAST_EXISTENCE and self.nearest <= new.distance < self.farthest
+        new = NewDistance(existence, float(trial.distance[-1]), float(trial.variance[-1]), intensity)
+        possible = existence >= LEAST_EXISTENCE and self.open.nearest <= new.distance < self.open.farthest
         if possible and existence > 0.5:
             self.taken.append(new)
             return True
-        self._put_aside(peak[0])
+        self.open.put_aside(distance)
         known = np.append(mode.distance, [path.distance for path in self.weak])
         if possible and (np.abs(known - new.distance) > BESIDE_M).all():
             self.weak.append(new)

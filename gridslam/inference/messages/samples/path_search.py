@@ -81,8 +81,9 @@ class Candidates(Protocol[Prior, Mode, Peak]):
     def strongest(self, prior: Prior, mode: Mode) -> Peak | None:
         """The highest peak that nothing explains; None where it isn't worth a look."""
 
-    def widened(self, prior: Prior, mode: Mode, peak: Peak) -> Prior | None:
-        """The prior with what may make a peak; None where a known path does, and the peak is put aside."""
+    def widened(self, prior: Prior, mode: Mode, peak: Peak) -> tuple[Prior, Mode] | None:
+        """The prior with what may make a peak, and its mode; None where a known path makes it, and the peak
+        is put aside."""
 
     def takes(self, prior: Prior, mode: Mode, trial: Mode, peak: Peak) -> bool:
         """Whether a wider prior and its mode, `trial`, are to take the place of a prior and its mode.
@@ -103,8 +104,6 @@ def take_in(candidates: Candidates[Prior, Mode, Peak], prior: Prior) -> tuple[Pr
         if peak is None:
             break
         wider = candidates.widened(prior, mode, peak)
-        if wider is not None:
-            trial = candidates.solve(wider)
-            if candidates.takes(wider, mode, trial, peak):
-                prior, mode = wider, trial
+        if wider is not None and candidates.takes(wider[0], mode, wider[1], peak):
+            prior, mode = wider
     return prior, mode
