@@ -8,8 +8,8 @@ from gridslam import reference
 from gridslam.bench.kernels import KernelSpeed, race
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, climbed, superpose_arrays
 from gridslam.inference.messages.samples.distance_mode import PathPrior, joint_mode, limits_of
-from gridslam.inference.messages.samples.open_distances import POINTS
 from gridslam.inference.messages.samples.image_rings import NODES, nodes
+from gridslam.inference.messages.samples.open_distances import POINTS
 from gridslam.inference.messages.samples.response_series import ResponseSeries
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, pairs
 from gridslam.inference.state.rings import BEARINGS

@@ -14,7 +14,8 @@ from gridslam.checks.views import in_view
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.range_fits import Crossing, Fit, Gaps, Thing, fitted, things
 from gridslam.inference.health.range_watch import SETTLED_STEPS, in_sight
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.world.columns import Columns
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import Segments, level_of, unit

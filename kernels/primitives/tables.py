@@ -26,6 +26,8 @@ AMPLITUDE, LOUD, AS_CLUTTER, LABEL = range(6, 10)
 """By measurement, columns of `scan`: value, 0 for none; from `OWN_STD` on deviations of the three, 0 for what
 follows from the amplitude, -1 where there is no value; amplitude, -1 for none; whether it is loud; if it is
 as quiet as clutter is, how much of that it stands for; the anchor that sent it, -1 if that isn't known."""
+SCAN_COLUMNS = 10
+"""Columns of `scan`."""
 
 LEFT_ANCHOR, LEFT_VALUE, LEFT_STD, LEFT_AMPLITUDE = 0, 1, 4, 7
 """By measurement that was left over, columns of `rows`: anchor; where value and deviations begin, three each;

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.health.range_fits import Crossing, errors_of
 from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
+from gridslam.kernels.primitives.tables import AMPLITUDE
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import lean, level_of, unit, wrap
 
@@ -72,8 +73,8 @@ def _first(scan: AnchorScan) -> int | None:
     """The row that is an anchor's line of sight, if any is: the shortest path, and the loudest."""
     if not len(scan):
         return None
-    length = np.where((scan.table[:, 3:6] >= 0).all(1), scan.value[:, 0], np.inf)
+    length = np.where(scan.measured.all(1), scan.value[:, 0], np.inf)
     row = int(length.argmin())
     if not abs(scan.height) < length[row] < np.inf:
         return None
-    return row if scan.amplitude[row] >= scan.table[:, 6].max() else None
+    return row if scan.amplitude[row] >= scan.table[:, AMPLITUDE].max() else None

@@ -14,7 +14,8 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import AGENT
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_of
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
+from gridslam.inference.scans.deviations import deviations
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import slant
 from gridslam.world.radio import RadioModel

@@ -8,7 +8,8 @@ from gridslam.inference.health import reasons
 from gridslam.inference.health.early_watch import EARLY, KEEP, arrives_early
 from gridslam.inference.management.free_turn import with_turn
 from gridslam.inference.management.step_info import StepInfo
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -46,7 +46,8 @@ from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.management.unknown_gain import with_likeliest_gain
 from gridslam.inference.messages.anchor_frames import as_believed
 from gridslam.inference.messages.motion import predict
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.inference.state.population import NONE, Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

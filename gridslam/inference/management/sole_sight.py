@@ -16,10 +16,12 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.health.sight_watch import Sight
 from gridslam.inference.management.free_turn import held_at_least, turn_followed, with_turn
 from gridslam.inference.messages.motion import predict_agent
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor, whole_of
+from gridslam.inference.scans.anchor_measurements import split_by_anchor, whole_of
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels.primitives.tables import AMPLITUDE, AOA
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.scan import Scan
 
@@ -102,15 +104,15 @@ def sights_heard(
     sight = Sight.of(
         scans, work.once(own_deviations, scans, model.radio), belief, state.calibration.turned, model
     )
-    off, table = np.abs(sight.off) / sight.std, whole.table
-    at_place = (off[:, 0] < AGREE) & ((off[:, 2] < AGREE) | ~(table[:, 5] >= 0))
+    off, strength = np.abs(sight.off) / sight.std, whole.table[:, AMPLITUDE]
+    at_place = (off[:, 0] < AGREE) & ((off[:, 2] < AGREE) | ~whole.measured[:, AOA])
     should = state.calibration.tuned(model.radio, 0).amplitude(sight.length, 1.0)
-    loud = ~(table[:, 6] > 0) | (table[:, 6] > least * should)
+    loud = ~(strength > 0) | (strength > least * should)
     loudness, expected = np.zeros((2, model.senders))
     for row in np.flatnonzero(at_place & loud & whole.loud):
         own = whole.label[row]
-        if not expected[own] or table[row, 6] > loudness[own]:
-            loudness[own] = table[row, 6] if table[row, 6] > 0 else np.nan
+        if not expected[own] or strength[row] > loudness[own]:
+            loudness[own] = strength[row] if strength[row] > 0 else np.nan
             expected[own] = should[row]
     return loudness, expected
 

@@ -19,7 +19,8 @@ from gridslam.inference.management.jolts import Step
 from gridslam.inference.management.poses.pose_recovery import crowd
 from gridslam.inference.management.step_info import StepInfo, comparable
 from gridslam.inference.messages.motion import predict_agent
-from gridslam.inference.scans.anchor_measurements import AnchorScan, SplitScan, deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import AnchorScan, SplitScan, split_by_anchor
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel

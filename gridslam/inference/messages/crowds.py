@@ -8,7 +8,16 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array, replace
 from gridslam.inference.messages.likelihood_ratios import Pairs
 from gridslam.inference.scans.anchor_measurements import AnchorScan
-from gridslam.kernels.primitives.tables import DENSITY, LABEL, SCAN_ROW, VARIANCE
+from gridslam.kernels.primitives.tables import (
+    AMPLITUDE,
+    AOA,
+    DENSITY,
+    DISTANCE,
+    LABEL,
+    OWN_STD,
+    SCAN_ROW,
+    VARIANCE,
+)
 from gridslam.world.geometry import wrap
 
 NEAR_M, NEAR_RAD = 1.0, 0.3
@@ -24,15 +33,15 @@ def neighbours(table: Array) -> NDArray[np.bool_]:
 
     Parameters
     ----------
-    table : (M, 10)
+    table : (M, SCAN_COLUMNS)
         That of `AnchorScan`. What lacks distance, AoA or amplitude is in no crowd.
     """
     none = np.zeros((len(table), len(table)), dtype=bool)
-    if not _close(table[:, 0].tolist()):  # as at most steps
+    if not _close(table[:, DISTANCE].tolist()):  # as at most steps
         return none
-    amplitude = table[:, 6]
-    (able,) = ((table[:, 3] >= 0) & (table[:, 5] >= 0) & (amplitude >= 0) & (amplitude < FAINT)).nonzero()
-    if not _close(table[able, 0].tolist()):
+    amplitude, told = table[:, AMPLITUDE], table[:, [OWN_STD + DISTANCE, OWN_STD + AOA]]
+    (able,) = ((told >= 0).all(1) & (amplitude >= 0) & (amplitude < FAINT)).nonzero()
+    if not _close(table[able, DISTANCE].tolist()):
         return none
     (distance, _, arrival), label = table[able, :3].T, table[able, LABEL]
     near = (np.abs(distance[:, None] - distance) < NEAR_M) & (label[:, None] == label)

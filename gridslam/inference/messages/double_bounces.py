@@ -13,7 +13,8 @@ import numpy as np
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.layout import HEADING, OF_POSE, POSE
 from gridslam.inference.messages.births import Births
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.world.filter_model import FilterModel

@@ -19,7 +19,8 @@ from gridslam.inference.messages.births import Births, with_births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.scans.anchor_measurements import LEAST_STD, AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import LEAST_STD, AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.kernels import GIVEN_HEIGHT, HEIGHT, RISE

@@ -19,7 +19,8 @@ from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.scans.anchor_measurements import AnchorScan, own_deviations, whole_of
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.inference.scans.leftovers import Leftovers
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

@@ -13,7 +13,8 @@ from gridslam.inference.messages.amplitudes import DetectionTable, detection_tab
 from gridslam.inference.messages.association import Association
 from gridslam.inference.messages.exact_association import associate_exactly
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.rays import P_STAY
 from gridslam.inference.state.rings import (
     LEAST_EXISTENCE,
@@ -31,6 +32,7 @@ from gridslam.inference.state.rings import (
     weighed,
 )
 from gridslam.inference.state.state import State
+from gridslam.kernels.primitives.tables import AOA, AOD
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import level_of, line_between, slant, unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
@@ -68,12 +70,8 @@ def move_rings(state: State, time_s: float, model: FilterModel) -> State:
 
 def of_arrivals(scan: AnchorScan) -> AnchorScan:
     """The scan without departures of what has no arrival, of which a ring begins instead of a surface."""
-    deaf = (scan.table[:, 5] < 0) & (scan.table[:, 4] >= 0)
-    if not deaf.any():
-        return scan
-    table = scan.table.copy()
-    table[deaf, 4] = -1.0
-    return replace(scan, table=table)
+    deaf = scan.measured[:, AOD] & ~scan.measured[:, AOA]
+    return scan.without_departures(deaf) if deaf.any() else scan
 
 
 def associate_with_rings(

@@ -12,7 +12,8 @@ import numpy as np
 from gridslam.inference.messages.births import Births, with_births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
 from gridslam.inference.messages.path_prediction import PredictedPaths
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.state import State
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import replace
 from gridslam.inference.beliefs.layout import OF_POSE, POSE
-from gridslam.inference.scans.anchor_measurements import AnchorScan, own_deviations, whole_of
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.inference.scans.unexplained import Unexplained
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace

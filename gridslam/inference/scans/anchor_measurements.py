@@ -12,10 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.kernels import FAINTEST
+from gridslam.kernels.primitives import tables
+from gridslam.kernels.primitives.tables import (
+    AMPLITUDE,
+    AOA,
+    AOD,
+    AS_CLUTTER,
+    DISTANCE,
+    LABEL,
+    OWN_STD,
+    SCAN_COLUMNS,
+)
 from gridslam.world.columns import ELEVATIONS
 from gridslam.world.filter_model import FilterModel, fixed
-from gridslam.world.geometry import lean
 from gridslam.world.radio import RadioModel
 from gridslam.world.scan import Scan
 
@@ -52,10 +61,8 @@ class AnchorScan:
     amplitude : (M,)
     label : (M,) int
         The anchor that sent each, `UNKNOWN` if that isn't known.
-    table : (M, 10)
-        The same as kernels take it: value, 0 for none; deviations, 0 for what follows from the amplitude, -1
-        where there is no value; amplitude, -1 for none; whether it is loud; if it is as quiet as clutter is,
-        how much of that it stands for; label.
+    table : (M, SCAN_COLUMNS)
+        The same as kernels take it: columns of `scan` in `kernels.primitives.tables`.
     elevation : (M, 4) or None
         Elevations of departure and arrival and their own deviations (rad), NaN for none.
     """
@@ -77,17 +84,22 @@ class AnchorScan:
     @cached_property
     def loud(self) -> NDArray[np.bool_]:
         """Measurements (M,) that clutter is unlikely to be the cause of: one in a thousand is as loud."""
-        return np.asarray(self.table[:, 7] > 0.5)
+        return np.asarray(self.table[:, tables.LOUD] > 0.5)
+
+    @cached_property
+    def measured(self) -> NDArray[np.bool_]:
+        """Whether distance, AoD and AoA were measured, (M, 3)."""
+        return np.asarray(self.table[:, OWN_STD : OWN_STD + 3] >= 0)
 
     @cached_property
     def whole(self) -> NDArray[np.bool_]:
         """Measurements (M,) that lack nothing."""
-        return np.asarray((self.table[:, 3:6] >= 0).all(1) & (self.table[:, 6] > 0))
+        return np.asarray(self.measured.all(1) & (self.table[:, AMPLITUDE] > 0))
 
     @cached_property
     def arriving(self) -> NDArray[np.bool_]:
         """Measurements (M,) of distance, AoA and amplitude, at least."""
-        return np.asarray((self.table[:, 3:6:2] >= 0).all(1) & (self.table[:, 6] > 0))
+        return np.asarray(self.measured[:, [DISTANCE, AOA]].all(1) & (self.table[:, AMPLITUDE] > 0))
 
     @classmethod
     def of(
@@ -110,6 +122,12 @@ class AnchorScan:
             elevation=None if self.elevation is None else self.elevation[rows],
         )  # fmt: skip
 
+    def without_departures(self, rows: NDArray[np.bool_] | slice = slice(None)) -> AnchorScan:
+        """The same to kernels as if no departure had been measured, of some or all."""
+        table = self.table.copy()
+        table[rows, OWN_STD + AOD] = -1.0
+        return replace(self, table=table)
+
 
 @dataclass(frozen=True, eq=False)
 class SplitScan(Sequence[AnchorScan]):
@@ -131,12 +149,12 @@ class SplitScan(Sequence[AnchorScan]):
     @cached_property
     def departs(self) -> bool:
         """Whether a direction of departure was measured."""
-        return bool((self.whole.table[:, 4] >= 0).any())
+        return bool(self.whole.measured[:, AOD].any())
 
     @cached_property
     def arrives(self) -> bool:
         """Whether a direction of arrival was measured."""
-        return bool((self.whole.table[:, 5] >= 0).any())
+        return bool(self.whole.measured[:, AOA].any())
 
     @cached_property
     def surest_first(self) -> list[AnchorScan]:
@@ -270,75 +288,15 @@ def _columns(scan: Scan, rows: NDArray[np.intp]) -> tuple[Array, Array, Array, N
 def _table(
     value: Array, own_std: Array, amplitude: Array, label: NDArray[np.intp], threshold: float
 ) -> Array:
-    table = np.empty((len(amplitude), 10))
+    table = np.empty((len(amplitude), SCAN_COLUMNS))
     missing, silent = np.isnan(value), np.isnan(amplitude)
     excess = amplitude * amplitude - threshold * threshold
-    table[:, :3], table[:, 6], table[:, 7] = value, amplitude, excess > LOUD
-    table[:, 3:6] = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
-    table[:, 8], table[:, 9] = CLUTTER_PER_QUIET * (excess < QUIET), label
+    values, stds = table[:, :OWN_STD], table[:, OWN_STD:AMPLITUDE]
+    values[:], table[:, AMPLITUDE], table[:, tables.LOUD] = value, amplitude, excess > LOUD
+    stds[:] = np.where(np.isnan(own_std), 0.0, np.maximum(own_std, LEAST_STD))
+    table[:, AS_CLUTTER], table[:, LABEL] = CLUTTER_PER_QUIET * (excess < QUIET), label
     if missing.any():
-        table[:, :3][missing], table[:, 3:6][missing] = 0.0, -1.0
+        values[missing], stds[missing] = 0.0, -1.0
     if silent.any():
-        table[silent, 6:9] = -1.0, 1.0, 1.0
+        table[silent, AMPLITUDE:LABEL] = -1.0, 1.0, 1.0
     return table
-
-
-def deviations(
-    scan: AnchorScan, measurement: NDArray[np.intp], amplitude: Array, angles: Array, radio: RadioModel,
-    steep: Array | float | None = None,
-) -> Array:  # fmt: skip
-    """Standard deviations (n, 3) of (distance, AoD, AoA): the table's own, or from Fisher information.
-
-    Infinite where nothing was measured.
-
-    Parameters
-    ----------
-    measurement : (n,)
-        Rows of `scan`.
-    amplitude : (n,)
-        Believed amplitude of the path behind each.
-    angles : (n, 2) rad
-        AoD and AoA, on which the arrays' aperture depends.
-    steep : (n,), optional
-        Cosine of the path's elevation; default: by the anchor's height and the measured distance.
-    """
-    value, own_std = scan.value[measurement], scan.own_std[measurement]
-    aperture = radio.anchor_aperture.mean(0) if scan.anchor < 0 else radio.anchor_aperture[scan.anchor]
-    height = scan.height if scan.anchor >= 0 else 0.0
-    if steep is None:
-        steep = _lean(value, height) if height else 1.0
-    return _deviations(value, own_std, amplitude, angles, aperture, steep, radio)
-
-
-def own_deviations(scans: Sequence[AnchorScan], radio: RadioModel) -> Array:
-    """`deviations` (M, 3) of all measurements of known anchors, each by its own amplitude and angles.
-
-    They depend on neither gain nor clutter, so that a step works them out once for all hypotheses.
-    """
-    whole, heights = whole_of(scans), [scan.height for scan in scans]
-    aperture = radio.anchor_aperture[whole.label]
-    own = np.repeat(heights, [len(scan) for scan in scans]) if any(heights) else None
-    steep = 1.0 if own is None else _lean(whole.value, own)
-    return _deviations(
-        whole.value, whole.own_std, whole.amplitude, whole.value[:, 1:], aperture, steep, radio
-    )
-
-
-def _lean(value: Array, height: Array | float) -> Array:
-    """Cosine of the elevation of paths with measured values (n, 3)."""
-    return lean(np.where(np.isnan(value[:, 0]), np.inf, value[:, 0]), height)
-
-
-def _deviations(
-    value: Array, own_std: Array, amplitude: Array, angles: Array, aperture: Array, steep: Array | float,
-    radio: RadioModel,
-) -> Array:  # fmt: skip
-    """`deviations` by apertures of the anchors, (2,) or (n, 2)."""
-    amplitude = np.maximum(amplitude, FAINTEST)
-    fisher = np.empty((len(value), 3))
-    fisher[:, 0] = radio.distance_std(amplitude)
-    apertures = np.empty((*aperture.shape[:-1], 2, 2))
-    apertures[..., 0, :], apertures[..., 1, :] = aperture, radio.agent_aperture
-    fisher[:, 1:] = radio.angle_std(amplitude[:, None], angles, apertures, np.asarray(steep)[..., None])
-    std = np.where(np.isnan(own_std), fisher, own_std)
-    return np.where(np.isnan(value), np.inf, std)

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gridslam.inference.scans.anchor_measurements import UNKNOWN, deviations, of_all_anchors
+from gridslam.inference.scans.anchor_measurements import UNKNOWN, of_all_anchors
+from gridslam.inference.scans.deviations import deviations
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.network_model import NetworkModel
 from gridslam.world.network_scan import NetworkScan

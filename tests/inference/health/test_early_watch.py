@@ -8,7 +8,8 @@ import pytest
 import gridslam as gs
 from gridslam.inference.health import reasons
 from gridslam.inference.health.early_watch import EARLY, KEEP, arrives_early
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.systems.checkpoint import write_checkpoint
 
 ROOM = gs.Scene.load("room")

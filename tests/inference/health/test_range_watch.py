@@ -12,7 +12,8 @@ from gridslam.inference.health import reasons
 from gridslam.inference.health.crossings import crossing_of
 from gridslam.inference.health.range_fits import Crossing, errors_of, shift_of
 from gridslam.inference.health.range_watch import LEAST_STEPS, RangeWatch
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import own_deviations
 
 ROOM = gs.Scene.load("room")
 

@@ -10,7 +10,8 @@ from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.health.range_fits import words
 from gridslam.inference.health.sight_watch import LATE, LOOKS, TURNED, SightWatch, wrong
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import own_deviations
 
 ROOM = gs.Scene.load("room")
 MODEL = ROOM.filter_model("agent1")

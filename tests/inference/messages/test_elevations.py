@@ -12,7 +12,8 @@ from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.messages import elevations as elevation_messages
 from gridslam.inference.messages.elevations import Foreseen, Seen, correct_by_elevations
 from gridslam.inference.messages.updates import Exchange
-from gridslam.inference.scans.anchor_measurements import deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State
 from gridslam.kernels.primitives import tables

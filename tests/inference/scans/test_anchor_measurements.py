@@ -7,14 +7,8 @@ import pytest
 from filter_states import model_of
 
 import gridslam as gs
-from gridslam.inference.scans.anchor_measurements import (
-    AnchorScan,
-    deviations,
-    own_deviations,
-    split_by_anchor,
-    whole_of,
-    whole_scan,
-)
+from gridslam.inference.scans.anchor_measurements import AnchorScan, split_by_anchor, whole_of, whole_scan
+from gridslam.inference.scans.deviations import deviations, own_deviations
 
 
 @pytest.mark.parametrize("height", [0.0, 2.5])

@@ -7,7 +7,8 @@ import pytest
 from filter_states import model_of
 
 import gridslam as gs
-from gridslam.inference.scans.anchor_measurements import own_deviations, split_by_anchor
+from gridslam.inference.scans.anchor_measurements import split_by_anchor
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.inference.scans.unsure_orientations import all_as_sure_as_anchors, as_sure_as_anchors
 from gridslam.world.network_scan import NetworkScan
 from gridslam.world.network_scene import network_model

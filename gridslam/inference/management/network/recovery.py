@@ -30,6 +30,7 @@ from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_scan
 from gridslam.inference.state.network.state import NetworkState
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives.tables import AOA
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, level_of, slant, unit, wrap
 from gridslam.world.network_model import NetworkModel
@@ -125,7 +126,7 @@ def _recovered(
     count, near = int(np.count_nonzero(anchor_scan.loud)), near_paths([anchor_scan], part, model)
     if part.monitor.is_lost(count, near):
         near = near_any_path([anchor_scan], part, model, work=work)
-    vague = is_vague(part.belief, bool((anchor_scan.table[:, 5] >= 0).any()))
+    vague = is_vague(part.belief, bool(anchor_scan.measured[:, AOA].any()))
     lost = part.monitor.is_lost(count, near) or part.monitor.early > EARLY  # (M532)
     if not lost:
         part = replace(part, monitor=part.monitor.followed(count, near))

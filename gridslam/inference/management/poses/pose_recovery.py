@@ -22,9 +22,11 @@ from gridslam.inference.management.poses.scan_terms import MAP_M
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.mirrors import unweighed
 from gridslam.inference.messages.path_prediction import predict_every_path
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_of
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_of
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace, timed
+from gridslam.kernels.primitives.tables import AOA
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 
@@ -50,7 +52,7 @@ def recover_pose(
         Time of the step before, if there was one.
     """
     count = int(np.count_nonzero(whole_of(scans).loud))
-    vague = is_vague(state.belief, bool((whole_of(scans).table[:, 5] >= 0).any()))
+    vague = is_vague(state.belief, bool(whole_of(scans).measured[:, AOA].any()))
     if not work.recovers or state.samples is not None or (count < ENOUGH and not vague):
         return state
     if crowd(scans) > SWAMPED:  # health says so, whether the agent is looked for or not

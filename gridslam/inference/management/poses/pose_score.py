@@ -20,9 +20,11 @@ from gridslam.arrays import Array
 from gridslam.inference.management.poses.pose_fix import Sources
 from gridslam.inference.management.poses.scan_terms import MAP_VARIANCE
 from gridslam.inference.messages.amplitudes import DetectionTable, detection_table
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.kernels.primitives import clues as column
 from gridslam.kernels.primitives.blocks import Clues
+from gridslam.kernels.primitives.tables import AOA
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import level_of, unit
 from gridslam.world.radio import REFLECTION_BINS, RadioModel
@@ -161,7 +163,7 @@ class PoseLikelihood:
         """The anchors' scans, with each one's calibrated radio, and the paths over a map's surfaces."""
         maps: Sequence[Sources | None] = known or [None] * len(scans)
         rows, rate = zip(scans, radios, maps, strict=True), model.birth_rate
-        deaf = not any(bool((scan.table[:, 5] >= 0).any()) for scan in scans)
+        deaf = not any(bool(scan.measured[:, AOA].any()) for scan in scans)
         return cls(tuple(AnchorTerms.of(scan, radio, rate, own, deaf) for scan, radio, own in rows))
 
     @property

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.health.monitor import MOST_LOUD
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.world.radio import RadioModel
 
 MAP_M, MAP_RAD = 0.03, 0.02

@@ -6,7 +6,8 @@ from gridslam.arrays import Array, replace
 from gridslam.inference.management.samples.array_challenge import EVERY
 from gridslam.inference.management.samples.paths_alone import peaks_alone
 from gridslam.inference.management.step_info import StepInfo
-from gridslam.inference.scans.anchor_measurements import AnchorScan, own_deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import own_deviations
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.signal_model import SignalModel

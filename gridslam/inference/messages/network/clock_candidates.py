@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.network.clock_amplitudes import amplitude_ratio
 from gridslam.inference.messages.path_prediction import predict_every_path
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations, whole_scan
+from gridslam.inference.scans.anchor_measurements import AnchorScan, whole_scan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.network.clock_search import CELL_M
 from gridslam.inference.state.rays import Rays
 from gridslam.inference.state.state import State

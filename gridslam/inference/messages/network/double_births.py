@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from gridslam.arrays import Array, replace
+from gridslam.arrays import Array
 from gridslam.inference.beliefs.layout import HEADING
 from gridslam.inference.beliefs.particles import Cloud
 from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.births import Births
 from gridslam.inference.messages.likelihood_ratios import LikelihoodRatios
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
+from gridslam.kernels.primitives.tables import AOA, AOD
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
 from gridslam.world.radio import RadioModel
@@ -50,16 +52,14 @@ def without_double_bounces(
     x, y = state.belief.covariance.diagonal()[:2].tolist()
     if not (len(births) and state.belief.clocks and model.max_bounces > 1 and x + y > KNOWN_M**2):
         return births
-    arrives = scan.table[births.measurement, 5] >= 0
+    arrives = scan.measured[births.measurement, AOA]
     if not arrives.all():
         births = births.take(np.flatnonzero(arrives))
-    alone = (births.hit < 0).all(1) & (scan.table[births.measurement, 4] >= 0)
+    alone = (births.hit < 0).all(1) & scan.measured[births.measurement, AOD]
     if not alone.any():
         return births
-    table = scan.table.copy()
-    table[:, 4] = -1.0  # no departure
     open_, _ = propose_births(
-        state, replace(scan, table=table), cloud, ratios, radio, model, senders, work=work
+        state, scan.without_departures(), cloud, ratios, radio, model, senders, work=work
     )
     anyway = {key: ratio for key, ratio in zip(_keys(open_), open_.ratio.tolist(), strict=True)}
     either = np.array([anyway.get(key, 0.0) for key in _keys(births)])

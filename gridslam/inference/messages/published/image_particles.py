@@ -16,7 +16,8 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.amplitudes import detection_table
 from gridslam.inference.messages.association import associate
 from gridslam.inference.messages.published.sampling import moved_agents, resampled
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.published.feature_particles import Features, ImageState
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import direction, unit, wrap

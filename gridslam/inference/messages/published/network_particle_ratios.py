@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.published.image_particles import GATE, SUREST, path_values
-from gridslam.inference.scans.anchor_measurements import AnchorScan, deviations
+from gridslam.inference.scans.anchor_measurements import AnchorScan
+from gridslam.inference.scans.deviations import deviations
 from gridslam.inference.state.published.network_particles import CLOCK, NetworkParticleState
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import wrap
