@@ -187,13 +187,15 @@ def element_notes(runs: Sequence[Run]) -> list[str]:
 
 
 def map_notes(earlier: Map | None, later: Map, file: Path | None) -> list[str]:
-    """Where a map that was given, and the map that was made of it, contradict each other."""
+    """Where a map that was given, and the map that was made of it, contradict each other, or count twice."""
     from gridslam.maps.contradictions import contradictions, moved_walls
+    from gridslam.maps.run_identity import alike_runs
 
     if earlier is None:
         return []
     moved = moved_walls(earlier, later, str(file))
-    return [*contradictions([earlier, later], [str(file), "this run's map"]), *filter(None, [moved])]
+    apart = contradictions([earlier, later], [str(file), "this run's map"])
+    return [*apart, *filter(None, [moved]), *alike_runs(later)]
 
 
 def whole_walls_notes(runs: Sequence[Run]) -> list[str]:

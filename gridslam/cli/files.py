@@ -178,6 +178,7 @@ def fuse(
     from gridslam.maps.contradictions import contradictions
     from gridslam.maps.fusion import fuse as fused
     from gridslam.maps.map import Map
+    from gridslam.maps.run_identity import alike_runs
     from gridslam.runs.notes import lost_makers
 
     if output.suffix != ".h5":
@@ -189,7 +190,8 @@ def fuse(
     maps = [map_in(path) or path for path in maps]
     loaded, names = [Map.load(path) for path in maps], [str(path) for path in maps]
     whole = fused(loaded, same_frame, names)
-    for line in (*contradictions(loaded, names), *(note for path in maps for note in lost_makers(path))):
+    lost = (note for path in maps for note in lost_makers(path))
+    for line in (*contradictions(loaded, names), *lost, *alike_runs(whole)):
         warnings.warn(Note(line), stacklevel=2)
     whole.save(output)
     _say(f"wrote {output}: map {whole.in_words()}")

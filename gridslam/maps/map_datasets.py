@@ -114,6 +114,7 @@ PROVENANCE = Group("provenance", (
     _about_a_run("runs", "text",
                  "checksum of each agent's measurements: who has heard them can't begin with the map, and a"
                  " map that holds a run twice is neither handed over nor fused"),
+    _about_a_run("kinds", "text", "what was heard in each run: paths, or a sampled signal"),
     _about_a_run("told", "text", "what of the truth a reference was told"),
     _about_a_run("lost", "text", "who noticed in the end that it was lost: nobody goes on from that"),
     replace(_about_a_run("anchors", "text", "names of the anchors, by which frames are compared"), shape="J"),

@@ -134,6 +134,27 @@ def repeated_run(grid: MapCells) -> str | None:
     return None
 
 
+def alike_runs(grid: MapCells) -> list[str]:
+    """Runs of a map that may have heard one pass twice: its samples, and the paths extracted from them.
+
+    Their checksums differ, as their numbers do; agent, seed and number of steps are the same. So they are in
+    simulation, whose samples and paths are drawn apart: hence this is told, and not refused.
+    """
+    rows, kinds = _records(grid.provenance), _items(grid.provenance, "kinds")
+    if len(kinds) != len(rows):  # a map of an earlier version is among those it is made of
+        return []
+    notes = []
+    for number, (run, *whose) in enumerate(rows):
+        for earlier, (other, *who) in enumerate(rows[:number]):
+            if who == whose and {kinds[number], kinds[earlier]} == {"paths", "signal"}:
+                pair = f"{other[:DIGITS]} and {run[:DIGITS]}"
+                notes.append(
+                    f"map: {whose[0]}'s runs {pair} heard samples and paths, at {whose[2]} steps each: if "
+                    "the paths were extracted from those samples, they count twice"
+                )
+    return notes
+
+
 def refuse_shared_runs(maps: Sequence[MapCells], names: Sequence[str]) -> None:
     """Refuse maps that hold the evidence of the same run, which would count twice.
 

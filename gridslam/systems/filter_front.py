@@ -282,6 +282,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             "seeds": self.seed,
             "steps": self.now.identity.scans,
             "runs": self.now.identity.text,
+            "kinds": self.takes,
         }
         names = [*self.provenance.get("told", ()), *([self.truth_given] if self.truth_given else ())]
         lists = {key: [*self.provenance[key], value] for key, value in own.items()}
@@ -318,12 +319,13 @@ class FilterFront(ABC, Generic[Observed, Believed]):
 def _provenance(prior: Map | None) -> dict[str, list[Any]]:
     """Who made the map that a filter starts from, as parallel lists."""
     earlier = {} if prior is None else prior.provenance
-    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs")}
+    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs", "kinds")}
     known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
-    unknown = len(known["agents"]) - len(known["runs"])  # maps of earlier versions don't name their runs
+    count = len(known["agents"])  # maps of earlier versions name neither their runs nor what was heard
+    late = {key: [""] * (count - len(known[key])) + known[key] for key in ("runs", "kinds")}
     names = earlier.get("told")
     truth = {"told": list(names)} if isinstance(names, list) else {}
-    return known | truth | {"runs": [""] * unknown + known["runs"]}
+    return known | truth | late
 
 
 def require_paths(scan: object, system: object) -> None:

@@ -60,7 +60,14 @@ def mapped(path):
     plain = random_map(1, lines=((0.3, 2.0), (1.8, 3.0)))
     one, whole, spread = np.ones(2), np.arange(2), np.tile(np.eye(4), (2, 1, 1))
     learned = FeatureEstimate(whole, whole, *2 * [np.ones((2, 2))], *3 * [one], spread, *3 * [whole])
-    agents = {"agents": ["a", "b"], "seeds": [1, 2], "steps": [7, 8], "runs": ["12", "34"], "told": ["walls"]}
+    agents = {
+        "agents": ["a", "b"],
+        "seeds": [1, 2],
+        "steps": [7, 8],
+        "runs": ["12", "34"],
+        "kinds": ["paths", "signal"],
+        "told": ["walls"],
+    }
     anchors = {"anchors": ["A", "B"], "anchor_x_m": [0.0, 1.0], "anchor_y_m": [1.0, 0.0]}
     stand = MapAnchors(("A", "B"), np.ones((2, 2)), one, np.eye(6), np.zeros((6, 4)))
     even = np.full(len(COEFFICIENTS), 1 / len(COEFFICIENTS))

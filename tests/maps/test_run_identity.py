@@ -8,7 +8,7 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.maps.run_identity import Identity, same_run
+from gridslam.maps.run_identity import Identity, alike_runs, same_run
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +29,20 @@ def mapped(scene, measurements, **more):
 def maps(scene, measurements):
     """Two runs apart from each other."""
     return [mapped(scene, measurements[seed]) for seed in (1, 2)]
+
+
+def test_runs_that_may_have_heard_one_pass_are_told(maps):
+    """Samples and the paths extracted from them have other checksums, of one agent, seed and steps."""
+    one, other = (grid.provenance for grid in maps)
+    assert one["kinds"] == ["paths"]
+    both = {key: [*one[key], *other[key]] for key in one} | {"kinds": ["paths", "signal"]}
+    (note,) = alike_runs(replace(maps[0], provenance=both))
+    names = f"{one['runs'][0][:8]} and {other['runs'][0][:8]}"
+    assert note.startswith(f"map: agent1's runs {names} heard samples and paths, at 6 steps each")
+    apart = {"seeds": [0, 1], "steps": [6, 7], "agents": ["a", "b"], "kinds": ["paths"] * 2}
+    for change in ({key: value} for key, value in (apart | {"kinds": ["paths", ""]}).items()):
+        assert not alike_runs(replace(maps[0], provenance=both | change))
+    assert not alike_runs(replace(maps[0], provenance=both | {"kinds": ["signal"]}))
 
 
 @pytest.mark.slow
