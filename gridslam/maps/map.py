@@ -43,7 +43,11 @@ class Map(MapCells):
     surface_reflection : (S, BINS) float64 or None
         Posterior of each surface's reflection coefficient; rows sum to 1.
     provenance : dict
-        Where the map comes from. Lists run parallel, one entry per agent: ``agents``, ``seeds``, ``steps``.
+        Where the map comes from. Parallel lists, one entry per run that went into it: ``agents``, ``seeds``,
+        ``steps``, ``runs`` (checksums of what was heard; "" where a file of an earlier version has none).
+        Lists of other lengths, where there is something to say: ``told`` (what of the truth references were
+        given), ``lost`` (agents that noticed in the end that they were lost). Of the frame, one entry per
+        anchor: ``anchors`` (names), ``anchor_x_m``, ``anchor_y_m`` (m); and its name, ``frame``, if it has one.
     features : FeatureEstimate or None
         Learned features (hybrid SLAM).
     feature_covariance : (3 F, 3 F) float64 or None

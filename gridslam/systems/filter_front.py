@@ -78,8 +78,10 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     over_levels: ClassVar[bool] = False
     """Whether paths over floor and ceiling have a place in it."""
     finds_heights: ClassVar[bool] = False
+    """Whether it estimates heights that a scene gives with deviations: of agent, floor and ceiling."""
     finds_places: ClassVar[bool] = False
-    """Whether it estimates heights that a scene gives with deviations."""
+    """Whether it estimates places of anchors that a scene gives with deviations. Scenes with deviations that
+    a system doesn't estimate (nor by particles) are refused."""
     truth_given: ClassVar[str] = ""
     """What of the truth a reference is told; its map says so, and maps that go on from it."""
 
@@ -276,7 +278,10 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         return False
 
     def latest(self) -> dict[str, Any]:
-        """Provenance of the map as it stands: that of the map it began with, and this run."""
+        """Provenance of the map as it stands: that of the map it began with, and this run; see `Map`.
+
+        `lost` is not handed down: nobody goes on from a map whose maker is lost.
+        """
         own = {
             "agents": self.agent,
             "seeds": self.seed,
