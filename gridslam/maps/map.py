@@ -47,7 +47,7 @@ class Map(MapCells):
         ``steps``, ``runs`` (checksums of what was heard; "" where a file of an earlier version has none).
         Lists of other lengths, where there is something to say: ``told`` (what of the truth references were
         given), ``lost`` (agents that noticed in the end that they were lost). Of the frame, one entry per
-        anchor: ``anchors`` (names), ``anchor_x_m``, ``anchor_y_m`` (m); and its name, ``frame``, if it has one.
+        anchor: ``anchors`` (names), ``anchor_x_m``, ``anchor_y_m`` (m); and ``frame``, its name, if any.
     features : FeatureEstimate or None
         Learned features (hybrid SLAM).
     feature_covariance : (3 F, 3 F) float64 or None

@@ -78,8 +78,8 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         with_levels(model, state.levels), calibration_used.turned, state.belief.higher, state.aside
     )
     scans = work.once(split_by_anchor, scan, model)
-    state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
-    recalled = state = representation.recall(state, model, work=work)  # docs/model.md, section 9
+    state = recover_pose(state, scans, earlier_s, model, work=work)  # (M576)
+    recalled = state = representation.recall(state, model, work=work)  # (M575)
     for anchor_scan in scans.surest_first:  # eqs. (6), (7): each begins with what the one before it left
         state = framed = seen_from(state, anchor_scan.anchor, model)  # (M569)
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
@@ -123,9 +123,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     state = doubt_passed(recalled, state, model)  # (M502)
     state = merge_and_prune(
         state, model, most=None, exchanges=exchanges, departs=scans.departs
-    )  # section III-F
+    )  # section III-F; (M513), (M574)
     state = mountings_followed(measured, state)  # (M569)
-    state = representation.park(recalled, state, model, work=work)  # docs/model.md, section 9
+    state = representation.park(recalled, state, model, work=work)  # (M575)
     unclaimed_rows = unclaimed(exchanges)
     state = remember_leftovers(state, scans, unclaimed_rows, model, work=work)
     state = gather_unexplained(state, scans, unclaimed_rows, model, work=work)  # (M432)

@@ -120,7 +120,7 @@ def after_turns(
     state = learn_walk(predicted, state, model)  # (M331)
     state = learn_shared_walks(recalled, state)  # (M361)
     state = drop_shared_no_mirrors(state, model)  # (M517), (M548)
-    state, infos = merge_and_prune_shared(state, model, infos)  # docs/model.md, section 9
+    state, infos = merge_and_prune_shared(state, model, infos)  # (M513), (M574)
     return replace(state, step=state.step + 1), NetworkInfo(tuple(infos))
 
 
@@ -178,7 +178,7 @@ def take_in(
         The agent's view after its turn.
     """
     if state.recorded(agent, part.monitor).teaches[agent]:
-        state = loosened(state.having(agent, part))  # (M102)
+        state = loosened(state.having(agent, part))  # (M102); open clocks (M103)
         state = doubt_clocks(state, agent, info.exchanges, model)
     else:
         state, info = state.apart(agent, part), replace(info.doubted(ASTRAY), teaches=False)

@@ -53,7 +53,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     calibration_used = state.calibration
     model = work.calibrated(model, calibration_used.turned)
     scans = work.once(split_by_anchor, scan, model)
-    state = recover_pose(state, scans, earlier_s, model, work=work)  # docs/model.md, section 9
+    state = recover_pose(state, scans, earlier_s, model, work=work)  # (M576)
     for anchor_scan in scans.surest_first:
         before, radio_before = state, state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths = predict_paths(state, anchor_scan.anchor, model, work=work)  # (M20), (M21)
@@ -83,7 +83,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     exchanges = in_turn(exchanges)
     radio = calibration_used.tuned(model.radio, 0)  # rings ask for amplitudes, which are one for all anchors
     state = ranging.join_shrunk_rings(state, radio, model)  # docs/model.md, section 8
-    merged = forget_amplitudes(merge_and_prune(state, model))  # docs/model.md, section 9
+    merged = forget_amplitudes(merge_and_prune(state, model))  # (M513), (M574)
     state = ranging.follow_belief(state, merged)
     state = ranging.prune_rings(state, model)
     return conclude(state, exchanges, calibration_used, model, work)

@@ -1,4 +1,4 @@
-"""What is correlated with a joint belief, and stands beside it: how it follows when that is updated."""
+"""What stands beside a joint belief, correlated with it: how it follows when that is updated, (M575)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Beside(NamedTuple):
 
 
 def following(one: Beside, before: Belief, after: Belief, rows: tuple[Rows, Rows] | None = None) -> Beside:
-    """The same once the joint belief has become `after`, by whatever it was updated with.
+    """What stands beside a joint belief, once that has become `after`, by whatever it was updated with.
 
     With G = cross cov(before)^-1, means move by G times what the belief's moved by, covariances by
     G (change of the belief's) G^T; what is new in it is independent of them, given the rest.

@@ -30,7 +30,7 @@ TIE = fixed(np.array([1e-4, 1e-6]))
 BY_CHANCE = 0.1
 """Lines that would lie where another does if one of the two didn't exist, per m and rad."""
 CONFIRMED = ((60, 8), (25, 6), (5, 2))
-"""Ages from which on a surface must have been seen so often; docs/model.md, section 9, as the next ones."""
+"""Ages from which on a surface must have been seen so often; docs/model.md, (M574), as the next ones."""
 ON_TRIAL, TRIAL_AGE, TRIAL_SEEN = 0.3, 3, 3
 """Existence that a surface needs at least from this age on, until it was seen so often."""
 
@@ -38,7 +38,7 @@ ON_TRIAL, TRIAL_AGE, TRIAL_SEEN = 0.3, 3, 3
 def prune(
     bank: SurfaceBank, belief: Belief, threshold: float, most: int | None = MOST_SURFACES
 ) -> tuple[SurfaceBank, Belief]:
-    """Drop unlikely surfaces: [Li2026grid], section III-F.
+    """Drop unlikely surfaces: [Li2026grid], section III-F; docs/model.md, (M574).
 
     A birth must be confirmed by detections soon, and the number may be bounded. Without
     confirmation a false birth hides: once its rays are believed blocked, no miss counts against it.
@@ -195,7 +195,7 @@ def merge_and_prune(
     state: State, model: FilterModel, most: int | None = MOST_SURFACES, by_ratio: bool = False,
     exchanges: Sequence[Exchange] = (), departs: bool = True,
 ) -> State:  # fmt: skip
-    """Merge duplicates, drop ghosts and the unlikely.
+    """Merge duplicates, drop ghosts and the unlikely; docs/model.md, (M513), (M574).
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Many surfaces: those out of sight leave the joint belief, and come back when they may be seen again.
 
 Two messages of a step, `recall` before any measurement is used and `park` after all of them. While all
-surfaces together are no more than one joint belief takes, neither does anything. docs/model.md, section 9.
+surfaces together are no more than one joint belief takes, neither does anything. docs/model.md, (M575).
 """
 
 from __future__ import annotations

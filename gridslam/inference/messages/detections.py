@@ -19,7 +19,7 @@ from gridslam.world.filter_model import FilterModel
 
 @timed("cells")
 def mark_detections(state: State, rays: Rays, share: Array, model: FilterModel, *, work: Workspace) -> State:
-    """Count an anchor's detections of surfaces, and where its rays hit them at the belief's mean.
+    """Count an anchor's detections of surfaces, and where its rays hit them at the belief's mean, (M391).
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Likelihood ratios of measurements under paths; owner of that kernel.
 
-[Li2026grid], eqs. (8) to (10); [Li2025adaptive], section IV.
+[Li2026grid], eqs. (8) to (10); [Li2025adaptive], section IV; docs/model.md, (M22) to (M25).
 """
 
 from __future__ import annotations
@@ -168,7 +168,8 @@ def evaluate(
 ) -> tuple[Cloud, LikelihoodRatios]:
     """Pick pairs by distance and angles, draw the particles, and evaluate pairs and paths at them.
 
-    [Li2026grid], eqs. (8) to (10), and what follows from them, (17) to (42). The pairs and the sums over
+    [Li2026grid], eqs. (8) to (10), and what follows from them, (17) to (42); docs/model.md: particles (M22),
+    ratios (M23), messages into the association (M24), (M25). The pairs and the sums over
     blocks of particles last until the same anchor's next evaluation, particles until the next of any.
 
     Parameters

@@ -197,7 +197,7 @@ class PredictedPaths:
 
 @timed("evaluation")
 def predict_paths(state: State, anchor: int, model: FilterModel, *, work: Workspace) -> PredictedPaths:
-    """All listed paths of `anchor`, one step ahead; the next query of that anchor reuses the arrays."""
+    """All listed paths of `anchor`, one step ahead, (M20), (M21); its next query reuses the arrays."""
     return _listed(PathQuery.of(state, anchor, model, 0, 0, work), work)
 
 

@@ -61,7 +61,7 @@ def without(state: State, dropped: NDArray[np.bool_]) -> State:
 
 
 def mountings_followed(before: State, state: State) -> State:
-    """The state with its mountings as they follow from what the joint belief has become since `before`."""
+    """The state with its mountings, (M569), as what the joint belief has become since `before` has them."""
     if before.mountings is None or state.belief is before.belief:
         return state
     rows = lasting(before, state)

@@ -1,7 +1,7 @@
 """Surfaces out of sight: kept beside the joint belief, and correlated with it as if they stood in it.
 
 What is measured depends on the joint belief alone. So given it, the parked lines are as before: they follow
-whatever it becomes by their regression on it, docs/model.md, section 9.
+whatever it becomes by their regression on it, docs/model.md, (M575).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Management of the surfaces that several agents share: the same as for one, on the joint belief."""
+"""Management of the surfaces that several agents share: as `management.merging`, on the joint belief."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Infos = Sequence[StepInfo | None]
 def merge_and_prune_shared(
     state: NetworkState, model: NetworkModel, infos: Infos, most: int = MOST_SURFACES
 ) -> tuple[NetworkState, tuple[StepInfo | None, ...]]:
-    """Merge duplicates, drop ghosts, the unlikely, and the amplitudes of their rays.
+    """Merge duplicates, drop ghosts, the unlikely, and the amplitudes of their rays; (M513), (M574).
 
     Parameters
     ----------

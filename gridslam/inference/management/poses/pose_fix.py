@@ -2,7 +2,7 @@
 
 Each path that is heard with distance and both angles fixes a whole pose, if one knows over which surface it
 came. All such poses are tried; the likelihood of a scan is that of a Poisson process of paths and clutter
-(every measurement may come from any path or from none). docs/model.md, section 9.
+(every measurement may come from any path or from none). docs/model.md, (M576).
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ GATE = 4.0
 def recover_pose(
     state: State, scans: Sequence[AnchorScan], earlier_s: float | None, model: FilterModel, *, work: Workspace
 ) -> State:
-    """Where the belief can't be followed from the last step on, find the agent by the map.
+    """Where the belief can't be followed from the last step on, find the agent by the map, (M576).
 
     Parameters
     ----------

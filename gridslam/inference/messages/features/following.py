@@ -120,7 +120,10 @@ def follow_by_particles(
 def follow_jointly(
     state: HybridState, received: StepSamples, model: SignalModel, *, work: FeatureWork
 ) -> tuple[HybridState, Moments]:
-    """The joint belief after the samples, (M126)-(M130), beside paths that nobody knows yet, (M526)."""
+    """The joint belief after the samples, (M126) to (M131), beside paths that nobody knows yet, (M526).
+
+    An agent astray is looked for in the whole region, (M572).
+    """
     joint, evidence = update_anywhere(
         state.joint, received.samples, received.heard, received.heading_rad, model, state.step
     )
@@ -160,8 +163,8 @@ def count_step(
 ) -> HybridState:
     """The state with one more step taken, and whether it contradicts where the agent is believed to be.
 
-    It does if anything arrives before a line of sight that is as short as the agent's deviations allow. Where
-    no line of sight is seen, it tells nothing else.
+    It does if anything arrives before a line of sight as short as the agent's deviations allow, (M451).
+    Where no line of sight is seen, it tells nothing else.
     """
     silent = 0 if received.heard.any() else state.silent + 1
     belief = state.joint if state.particles is None else state.particles

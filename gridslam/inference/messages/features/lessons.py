@@ -74,7 +74,7 @@ def teach(lesson: HybridState, front: Front, model: SignalModel) -> Taught:
 
 @timed("learn")
 def apply_lesson(state: HybridState, model: SignalModel, *, work: HybridWork) -> tuple[HybridState, Learned]:
-    """The state with what the lesson teaches, once that is due."""
+    """The state with what the lesson teaches, (M132), (M137), once that is due."""
     lesson = state.lesson
     if lesson is None or state.step < lesson.step + BESIDE:
         return state, Learned()

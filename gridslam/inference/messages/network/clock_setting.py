@@ -218,7 +218,7 @@ def witnessed_surfaces(state: NetworkState) -> NDArray[np.bool_]:
 
 
 def loosened(state: NetworkState) -> NetworkState:
-    """The state with open clocks independent of all else, by the moments of their histograms."""
+    """The state with open clocks independent of all else, by the moments of their histograms, (M103)."""
     if not state.clocks.unset.any():
         return state
     belief, devices = state.belief, state.belief.layout.devices

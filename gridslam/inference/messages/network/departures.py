@@ -2,7 +2,8 @@
 
 A double bounce arrives as if from a virtual anchor, and a surface is born that would put one there. But it
 departs in another direction than a mirror's path. While clocks are known that shows at once; where they
-aren't, pose, clock and surface yield to it together. docs/model.md, (M461).
+aren't, pose, clock and surface yield to it together. docs/model.md, (M461). Beside it, what anchors with open
+clocks may not correct, (M496).
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ def unproven(bank: SurfaceBank) -> NDArray[np.bool_]:
 def without_open_clocks(
     ratios: LikelihoodRatios, rays: Rays, network: NetworkState, agent: int
 ) -> LikelihoodRatios:
-    """The ratios, with nothing that corrects of anchors whose clocks are open where agents' are wide, too.
+    """The ratios, with nothing that corrects of anchors whose clocks are open where agents' are wide, (M496).
 
     While no clock is known, angles alone choose what a line of sight's measurement is, and may choose a
     reflection, which then stands for itself when the clock is set. What the ratios say of which measurement

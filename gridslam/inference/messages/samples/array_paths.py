@@ -1,4 +1,4 @@
-"""Messages between a snapshot of arrays and the filter's paths; docs/model.md, (M152), (M153)."""
+"""Messages between a snapshot of arrays and the filter's paths; docs/model.md, (M151) to (M153)."""
 
 from __future__ import annotations
 
@@ -194,11 +194,11 @@ def take_snapshot(
 def evaluate_snapshot(
     state: State, snapshot: Snapshot, model: SignalModel, *, work: Workspace
 ) -> tuple[State, SnapshotLikelihood]:
-    """Find the joint mode of agent and surfaces, and what it tells of every path's being there.
+    """Find the joint mode of agent and surfaces, (M151), and what it tells of every path, (M152), (M153).
 
     Paths that the snapshot denies, though they were expected, leave the mode, which is found again: it takes
     all to be there, and a line of sight that is hidden would hold the agent where it fits the noise best. One
-    that stays in doubt, as a reflection beside it may be what is heard, counts by moments of both cases.
+    that stays in doubt, as a reflection beside it may be what is heard, counts by moments of both, (M518).
     """
     chance = snapshot.chance
     order = np.argsort(-chance * snapshot.power, kind="stable")

@@ -106,7 +106,7 @@ def birth_rate(step: int, bounces: int) -> float:
 def find_births(
     band: Band, samples: Complex, prior: PathPrior, noise: float, rate: float, first: bool = False
 ) -> FoundDistances:
-    """The joint mode of the known paths, and of new ones that these leave unexplained; see `take_in`.
+    """The joint mode (M79) of the known paths, and of new ones that these leave unexplained; see `take_in`.
 
     Parameters
     ----------

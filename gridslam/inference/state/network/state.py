@@ -195,7 +195,7 @@ class NetworkState:
         return replace(self.recorded(agent, part.monitor), belief=self.belief.apart(agent, part.belief))
 
     def having(self, agent: int, part: State) -> Self:
-        """The whole after an agent's messages; new surfaces have fresh rays to all others."""
+        """The whole after an agent's messages, (M102); new surfaces have fresh rays to all others."""
         own, bank, count = self.links(agent), part.surfaces, len(part.surfaces)
         before = len(self.surfaces)
         single = np.full((len(self.los), count), FRESH_SINGLE)
