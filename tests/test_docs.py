@@ -96,6 +96,18 @@ def test_every_formula_that_is_cited_is_in_the_model():
     assert {pair for pair in cited if pair[0] not in known} == set()
 
 
+@pytest.mark.parametrize("room", ["gridslam/inference", "kernels"])
+def test_files_that_cite_formulas_are_named_in_the_model(room):
+    page = (DOCS / "model.md").read_text(encoding="utf-8")
+    cites = [
+        str(file.relative_to(ROOT)).removeprefix("gridslam/")
+        for file, text in texts().items()
+        if file.suffix == ".py" and file.is_relative_to(ROOT / room) and re.search(r"\(M\d+\)", text)
+    ]
+    assert len(cites) > 20
+    assert [name for name in cites if f"`{name}`" not in page] == []
+
+
 def test_numbers_in_the_model_are_given_once():
     given = re.findall(r"\\text\{\((M\d+)\)\}", (DOCS / "model.md").read_text(encoding="utf-8"))
     assert len(given) == len(set(given)) > 40
