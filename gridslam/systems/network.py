@@ -209,7 +209,12 @@ def turn(
     model: FilterModel,
     work: Workspace,
 ) -> tuple[State, StepInfo]:
-    """One agent's messages about its view: those of adaptive SLAM, over the paths of all anchors at once.
+    """One agent's messages about its view: most of those of adaptive SLAM, on all anchors' paths at once.
+
+    Left out are what earlier steps left over (M251), elevations and levels (M302) to (M305), anchors at
+    unsure places (M569), and what spares or parks walls out of sight (M495), (M575). Added, where clocks
+    aren't known: births held against double bounces (M491), what isn't to correct anything (M461), (M496),
+    and lengths by amplitudes (M542).
 
     Parameters
     ----------

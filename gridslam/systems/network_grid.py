@@ -73,9 +73,10 @@ def turn(
     state: State, agent: int, scan: Scan, network: NetworkState, earlier_s: float | None, model: FilterModel,
     work: Workspace,
 ) -> tuple[State, StepInfo]:  # fmt: skip
-    """One agent's messages about its view: those of grid SLAM, over the paths of all anchors at once.
+    """One agent's messages about its view: most of those of grid SLAM, on all anchors' paths at once.
 
-    Arguments are those of `network.turn`.
+    Paths are open, and as loud, as cells and coefficients have them; what is left out of a step of one
+    agent and what is added is as in `network.turn`, whose arguments these are.
     """
     exchanges, calibration_used = list[Exchange](), state.calibration
     model = work.calibrated(model, calibration_used.turned)
