@@ -68,6 +68,9 @@ def network_from_deepmimo(
     Parameters
     ----------
     datasets : sequence of mappings, one per anchor in the scene's order
+        As of `measurements_from_deepmimo`.
+    scene : Scene
+        For the anchors' orientations, the radio and the agents.
     heading_rad : dict of agent to float or (N,) float, rad
     users : dict of agent to (N,) int
         Users along which each agent moves.

@@ -78,6 +78,8 @@ def network_from_sionna(
     ----------
     paths : sionna.rt.Paths, or a sequence of them
         Its transmitters are the scene's anchors, in order; its receivers the places of all agents.
+    scene : Scene
+        For the anchors' orientations, the radio and the agents.
     heading_rad : dict of agent to float or (N,) float, rad
     receivers : dict of agent to (N,) int
         Which of the receivers, counted over all objects, the agent is, step by step.

@@ -133,10 +133,15 @@ class Map(MapCells):
             raise InputError(f"{path}: {error.where}", error.found, error.allowed) from error
 
     def to_nav2(self, directory: str | os.PathLike[str], raw: bool = False) -> None:
-        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise (`nav2_files`).
+        """Write ``map.yaml`` and ``map.pgm`` for ROS nav2, ``reflection.*`` likewise.
 
-        Walls that were found are drawn in, and bands and specks of free cells behind them are unknown, unless
-        `raw`: the cells alone.
+        Parameters
+        ----------
+        directory : path
+            Is made if it isn't there.
+        raw : bool
+            The cells alone. Default: walls that were found are drawn in, and bands and specks of free cells
+            behind them are unknown.
 
         Raises
         ------
@@ -148,9 +153,15 @@ class Map(MapCells):
             write_bytes(folder / name, content())
 
     def nav2_files(self, raw: bool = False) -> dict[str, Callable[[], bytes]]:
-        """The files that `to_nav2` writes, by name, see `gridslam.maps.nav2.nav2_files`."""
+        """Functions that give the content of the files that `to_nav2` writes, by name."""
         return nav2_files(self, lambda: None if raw else self._walls)
 
     def to_csv(self, directory: str | os.PathLike[str]) -> None:
-        """Write ``cells.csv`` (observed cells) and ``surfaces.csv``, see `map_files.write_csv`."""
+        """Write ``cells.csv`` (observed cells) and ``surfaces.csv``; docs/file-formats.md has their columns.
+
+        Raises
+        ------
+        InputError
+            The folder can't be written to.
+        """
         map_files.write_csv(self, directory, self._walls)

@@ -122,7 +122,7 @@ class MapCells:
 
     @classmethod
     def blank(cls, origin_m: ArrayLike, cell_m: float, shape: tuple[int, int], prior: float) -> Self:
-        """Return a map of `shape` (ny, nx) in which nothing was observed yet."""
+        """Return a map of `shape` (ny, nx) in which nothing was observed yet; the rest as its attributes."""
         cube = np.zeros((*shape, len(REFLECTION_BINS)), np.float32)
         return cls(np.asarray(origin_m), cell_m, cube[..., 0], cube, np.zeros(shape, bool), prior)
 
@@ -191,7 +191,7 @@ class MapCells:
 
     @cached_property
     def reflection_std(self) -> np.ndarray:
-        """Its posterior standard deviation: (ny, nx) float32, NaN without hits."""
+        """Posterior deviation of the reflection coefficient: (ny, nx) float32, NaN without hits."""
         return self._moments[1]
 
     @cached_property

@@ -140,7 +140,7 @@ class NetworkMeasurements:
         return replace(self.table, **columns, steps=last, truth=self.tracks.get(name))
 
     def of(self, names: Sequence[str]) -> NetworkMeasurements:
-        """The same of some agents alone, in this order.
+        """Measurements of some of the agents alone, in this order.
 
         Raises
         ------
@@ -203,7 +203,7 @@ class NetworkMeasurements:
         return cls(tuple(parts), table, agent[order], np.array(present, np.intp), tracks, clocks)
 
     def without_labels(self) -> NetworkMeasurements:
-        """The same with nothing known of whose a row is."""
+        """Measurements of which nothing says whose a row is: all anchors -1, as where none are labelled."""
         table = replace(self.table, anchor=np.full_like(self.table.anchor, -1), unlabelled=True)
         return replace(self, table=table)
 
@@ -263,7 +263,25 @@ class NetworkMeasurements:
         cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
         pseudo: bool = False, alone: str | None = None,
     ) -> NetworkMeasurements:  # fmt: skip
-        """Read a CSV file, whose ``anchor`` may be empty or left out; see `load`."""
+        """Read a CSV file, whose ``anchor`` may be empty or left out.
+
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str
+            Names of the anchors, in the scene's order (``scene.anchor_names``).
+        agents : sequence of str, optional
+            Names that the file may hold; without it, any.
+        pseudo : bool
+            Whether distances hold offsets of clocks, and may be negative.
+        alone : str, optional
+            The agent whose rows all are where there is no column ``agent``; needless for one agent.
+
+        Raises
+        ------
+        InputError
+            The first fault, with its line.
+        """
         return cls(**network_files.read_csv(path, anchors, agents, pseudo, alone))
 
     @classmethod
@@ -271,12 +289,33 @@ class NetworkMeasurements:
         cls, path: str | os.PathLike[str], anchors: Sequence[str], agents: Sequence[str] | None = None,
         pseudo: bool = False,
     ) -> NetworkMeasurements:  # fmt: skip
-        """Read a MATLAB file; ``anchor`` may be left out, 0, NaN or an empty name; see `load`."""
+        """Read a MATLAB file; ``anchor`` may be left out, 0, NaN or an empty name.
+
+        Parameters
+        ----------
+        path : path
+        anchors, agents : sequence of str
+            Names of anchors (``scene.anchor_names``), and of agents that may be there (default: any); the
+            file has the names, or numbers from 1.
+        pseudo : bool
+            Whether distances hold offsets of clocks, and may be negative.
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or the first fault in its content.
+        """
         return cls(**network_files.read_mat(path, anchors, agents, pseudo))
 
     @classmethod
     def from_h5(cls, path: str | os.PathLike[str]) -> NetworkMeasurements:
-        """Read an HDF5 file, version 2, or version 1 with one agent of the name "agent1"; see `load`."""
+        """Read an HDF5 file, version 2, or version 1 with one agent of the name "agent1".
+
+        Raises
+        ------
+        InputError
+            Not such a file, cut short, or any fault in its content.
+        """
         return cls(**network_files.read_h5(path))
 
     def _columns(self) -> Columns:

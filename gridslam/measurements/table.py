@@ -242,6 +242,13 @@ class Measurements:
     def from_mat(cls, path: str | os.PathLike[str], anchors: Sequence[str] | None = None) -> Measurements:
         """Read a MATLAB file, version 5 to 7.3; see `gridslam.measurements.matlab` for what it holds.
 
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str, optional
+            Names of the anchors, in the scene's order (``scene.anchor_names``), of which the file's number 1
+            is the first; without it, those that the file says.
+
         Raises
         ------
         InputError
@@ -258,7 +265,13 @@ class Measurements:
     ) -> Measurements:
         """Read a file of any known kind: ``.csv``, ``.mat``, and HDF5 under any other name.
 
-        `pseudo` is for CSV files, which don't tell whether offsets of clocks are in their distances.
+        Parameters
+        ----------
+        path : path
+        anchors : sequence of str, optional
+            As of `from_csv` and `from_mat`; an HDF5 file holds them.
+        pseudo : bool
+            Of CSV files, which don't say it: distances hold offsets of clocks, and may be negative.
 
         Raises
         ------

@@ -39,6 +39,11 @@ def calibrate(
     same_frame : bool
         The user's word that `prior_map` is in the scene's frame, where nothing in it tells so.
 
+    Returns
+    -------
+    RadioErrors
+        Where the agent's N elements stand and what the pulse's M frequencies have, with deviations.
+
     Raises
     ------
     InputError

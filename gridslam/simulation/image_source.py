@@ -56,7 +56,7 @@ class Truth:
         return replace(self, paths=self.paths.take(self.paths.step < steps))
 
     def joined(self, others: Iterable[Truth]) -> Truth:
-        """The same track, with the paths of other agents added (their steps count from their own start).
+        """Truth about this track, with the paths of other agents (their steps count from their own start).
 
         It is what a run is judged against that began with a map: the walls that earlier agents found are
         no ghosts, even if this agent never hears of them.
@@ -178,7 +178,16 @@ def _plausible(
 
 
 def ground_truth(scene: Scene, agent: str | None = None, track: Trajectory | None = None) -> Truth:
-    """Track (default: the scene's), visible paths and walls of an agent (default: the only one), for scoring.
+    """Track, visible paths and walls of an agent, for scoring.
+
+    Parameters
+    ----------
+    scene : Scene
+        With walls.
+    agent : str, optional
+        Default: the scene's only one.
+    track : Trajectory, optional
+        Where the agent was, N steps; default: its way through the scene's waypoints.
 
     Raises
     ------

@@ -156,4 +156,6 @@ class AdaptiveSlam(SurfaceFilter):
     finds_heights = True
     finds_places = True
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""

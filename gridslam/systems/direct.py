@@ -191,7 +191,9 @@ class DirectSlam(SignalFilter[Population[DirectState]]):
     method = "direct"
     uses_maps = False
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""
 
     def __init__(self, scene: Any, *args: Any, **more: Any) -> None:
         super().__init__(scene, *args, **more)

@@ -142,7 +142,9 @@ class DirectGridSlam(SurfaceFront[SignalScan], SignalFilter[Any]):
     keeps_grid = True
     finds_places = True
     start = staticmethod(grid.start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""
 
     def __init__(self, scene: Any, *args: Any, **more: Any) -> None:
         super().__init__(scene, *args, **more)

@@ -74,7 +74,6 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     """Whether it reckons about the middle of a far region, see `gridslam.systems.far_regions`."""
     by_particles: ClassVar[bool] = False
     """Whether ``filter.representation = "particles"`` says something that it does."""
-
     over_levels: ClassVar[bool] = False
     """Whether paths over floor and ceiling have a place in it."""
     finds_heights: ClassVar[bool] = False
@@ -140,12 +139,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         return other
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Refuse to be pickled: a workspace holds what belongs to its process.
-
-        Raises
-        ------
-        InputError
-        """
+        """Refuse to be pickled (`InputError`): a workspace holds what belongs to its process."""
         name = type(self).__name__
         allowed = f"a checkpoint: save(path), then {name}.resume(path)"
         raise InputError(name, "a filter to be pickled", allowed)
@@ -184,12 +178,26 @@ class FilterFront(ABC, Generic[Observed, Believed]):
     @staticmethod
     @abstractmethod
     def start(model: Any, prior: Map | None = None) -> Any:
-        """The state before the first step."""
+        """The state before the first step.
+
+        Parameters
+        ----------
+        model : FilterModel, or what the front makes of it (a `SignalModel`, a `NetworkModel`)
+        prior : Map, optional
+            An earlier agent's, about the model's origin; None always where not `uses_maps`.
+        """
 
     @staticmethod
     @abstractmethod
     def advance(state: Any, scan: Any, model: Any, work: Any) -> tuple[Any, Any]:
-        """One step: the state after it, and what happened. The state before stays as it is."""
+        """One step: the state after it, and what happened. The state before stays as it is.
+
+        Parameters
+        ----------
+        state, model : as of `start`
+        scan : Scan, SignalScan or NetworkScan; as `checked`
+        work : of the front's `_workspace`; a step may write to it
+        """
 
     @abstractmethod
     def estimate(self, believed: Believed, scan: Observed, info: Any, began: float) -> Estimate:
@@ -206,12 +214,9 @@ class FilterFront(ABC, Generic[Observed, Believed]):
 
     @staticmethod
     def require_sound(believed: Any, model: Any, where: str) -> None:
-        """Refuse what a file holds if its numbers can't be; `gridslam.systems.checkpoint` checks types.
+        """Refuse what a file holds if its numbers can't be, by an `InputError` that names the part.
 
-        Raises
-        ------
-        InputError
-            With the part, and what is allowed.
+        `gridslam.systems.checkpoint` checks types.
         """
 
     @property
@@ -220,7 +225,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
         return self.now.info
 
     def start_at(self, position_m: Array, heading_rad: float) -> None:
-        """Believe in another start (m, rad) than the scene's, as surely as its prior says.
+        """Believe in another start, (2,) m and rad, than the scene's, as surely as its prior says.
 
         Raises
         ------

@@ -160,7 +160,9 @@ class GridSlam(SurfaceFilter):
     finds_heights = True
     finds_places = True
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

@@ -84,7 +84,7 @@ def step(
 def step_by_sight(
     state: HybridState, scan: SignalScan, model: SignalModel, work: FeatureWork
 ) -> tuple[HybridState, HybridInfo]:
-    """The same without any features: what the line of sight alone gives."""
+    """One step of hybrid SLAM without any features: what the line of sight alone gives."""
     work.begin()
     received = step_samples(scan, model)
     state = predict_agent(state, scan.time_s, model, work.seed)  # eqs. (19)-(23); (M133)
@@ -119,14 +119,21 @@ class HybridSlam(HybridFilter):
 
     method = "hybrid"
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""
 
 
 class SightSlam(HybridFilter):
-    """Its reference, the line of sight alone."""
+    """Hybrid SLAM's reference, the line of sight alone: particles all the way, and no map.
+
+    Arguments are those of `gridslam.HybridSlam`; `prior_map` isn't used.
+    """
 
     method = "los"
     uses_maps = False
     sight_alone = True
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step_by_sight)
+    """One step; arguments are those of `FilterFront.advance`."""

@@ -318,4 +318,6 @@ class NetworkSlam(NetworkFilter):
 
     method = "network"
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""

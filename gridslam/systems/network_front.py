@@ -39,7 +39,7 @@ Believed = TypeVar("Believed")
 class NetworkFront(FilterFront[NetworkScan, Believed]):
     """The front of systems of several agents, whatever their state; a system adds `started_at`.
 
-    Arguments are those of `gridslam.NetworkSlam`.
+    Arguments are those of `gridslam.NetworkSlam`; `start` and `advance` get a `NetworkModel`.
     """
 
     model: NetworkModel
@@ -86,6 +86,11 @@ class NetworkFront(FilterFront[NetworkScan, Believed]):
 
     def start_all(self, starts: Mapping[str, Start]) -> None:
         """Believe in other starts than the scene's.
+
+        Parameters
+        ----------
+        starts : dict of agent to Start
+            Of whoever isn't in it the scene's stays.
 
         Raises
         ------

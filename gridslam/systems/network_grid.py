@@ -111,12 +111,39 @@ def turn(
 
 
 class NetworkGridSlam(NetworkFilter):
-    """Network grid SLAM, one step of all agents at a time; arguments as those of `gridslam.NetworkSlam`."""
+    """Network grid SLAM, one step of all agents at a time: network SLAM with one occupancy grid of all.
+
+    Parameters
+    ----------
+    scene : Scene
+        Radio, anchors, priors of clocks, grid and filter settings; its walls are never read.
+    prior_map : Map, optional
+        Map that an earlier agent left: evidence, coefficients and surfaces.
+    agent : str, optional
+        Names of agents with commas between; default: the first.
+    seed : int
+    same_frame : bool
+        The user's word that `prior_map` is in the scene's frame, where it shares no anchor with it.
+    agents : sequence of str, optional
+        Names of agents, in the order in which they are heard within a step, instead of `agent`.
+
+    Raises
+    ------
+    InputError
+        A scene without agents, an unknown one, one twice, a map of another frame, or too many cells.
+
+    Notes
+    -----
+    `step` takes a `NetworkScan` and returns a `NetworkEstimate`. Of one agent, it takes a `Scan`, too, and
+    then returns an `Estimate`, as other methods do.
+    """
 
     method = "network_grid"
     keeps_grid = True
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""
 
     def map(self) -> Map:
         """The map as it stands: evidence, coefficients, detected surfaces."""

@@ -121,7 +121,9 @@ class VirtualAnchorSlam(SurfaceFilter):
     uses_maps = False
     branches = False
     start = staticmethod(start)
+    """The state before the first step; arguments are those of `FilterFront.start`."""
     advance = staticmethod(step)
+    """One step; arguments are those of `FilterFront.advance`."""
 
     @staticmethod
     def _model(model: FilterModel) -> FilterModel:

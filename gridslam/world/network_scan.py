@@ -44,7 +44,7 @@ class NetworkScan:
     def checked(
         self, anchors: int, after: float | None = None, agents: int | None = None, pseudo: bool = False
     ) -> NetworkScan:
-        """The same as arrays, if a filter can make sense of it.
+        """The scan as arrays, if a filter can make sense of it.
 
         Parameters
         ----------

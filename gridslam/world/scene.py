@@ -22,16 +22,7 @@ from gridslam.world.radio import RadioModel
 from gridslam.world.scene_checks import Room, check_clocks, check_names, check_places
 from gridslam.world.scene_derived import mounting_std_of, segments_of, start_prior, track_of
 from gridslam.world.scene_files import scene_tables, scene_text
-from gridslam.world.scene_parts import (
-    Agent,
-    Anchor,
-    GridSpec,
-    Name,
-    Radio,
-    Scatterer,
-    Share,
-    Wall,
-)
+from gridslam.world.scene_parts import Agent, Anchor, GridSpec, Name, Radio, Scatterer, Share, Wall
 from gridslam.world.scene_radio import check_samples, link_of, waveform_of
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.validation import Strict, fault, nearest
@@ -124,7 +115,10 @@ class Scene(Strict):
         )
 
     def starting(self, agent: str | None, position_m: Array, heading_rad: float) -> Scene:
-        """The scene with another start (m, rad) of an agent, by default the first; walls aren't minded."""
+        """The scene with another start of an agent, None for the first; walls aren't minded.
+
+        `position_m` is (2,) m. `InputError`: there is no agent of this name.
+        """
         body = self.agent(agent) if agent is not None else self.agents[0]
         x, y = np.asarray(position_m, np.float64).tolist()
         start = {"start_m": (x, y), "start_heading_deg": float(np.degrees(heading_rad))}
@@ -143,7 +137,7 @@ class Scene(Strict):
 
     @property
     def anchor_places(self) -> Array:
-        """The same with heights, (J, 3) m, where the scene has some; else (J, 2)."""
+        """Positions of the anchors with heights, (J, 3) m, where the scene has some; else (J, 2) m."""
         return np.array([anchor.position_m for anchor in self.anchors], dtype=np.float64)
 
     @property
@@ -204,12 +198,15 @@ class Scene(Strict):
         return {name: level for name, level in both.items() if level is not None}
 
     def at_coefficients(self, coefficients: Mapping[str, float]) -> Scene:
-        """The scene with other coefficients of "floor" and "ceiling"."""
+        """The scene with other reflection coefficients, 0 to 1, of "floor" and "ceiling"."""
         own = {n: self.levels[n].model_copy(update={"coefficient": one}) for n, one in coefficients.items()}
         return self.model_copy(update=own)
 
     def at_heights(self, agent: str | None, heights_m: Mapping[str, float]) -> Scene:
-        """The scene with other heights (m) of an agent, by default the first, of "floor" and "ceiling"."""
+        """The scene with other heights, m, by the names "agent", "floor" and "ceiling"; others stay.
+
+        The agent is that of the name, None for the first. `InputError`: there is none of this name.
+        """
         body = self.agent(agent) if agent is not None else self.agents[0]
         other = ((n, {"height_m": heights_m[n]}) for n in self.levels if n in heights_m)
         changes: dict[str, Any] = {n: self.levels[n].model_copy(update=one) for n, one in other}
@@ -219,7 +216,10 @@ class Scene(Strict):
         return self.model_copy(update=changes)
 
     def found_heights(self, agent: str, higher: Array, covariance: Array) -> dict[str, tuple[float, float]]:
-        """Heights and their deviations, m, by believed rises (G,) and their covariance."""
+        """Heights that the scene leaves open, by name, each (height, deviation) in m.
+
+        They follow from believed rises `higher`, (G,) m, of `covariance` (G, G), m^2: see `Verticals`.
+        """
         stated, ways = self.uncertain_heights(agent), self.verticals(agent)
         errors = ways.errors(higher, covariance)
         return {

@@ -123,7 +123,7 @@ class Trajectory:
         return all(np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
 
     def at(self, time_s: Array) -> Trajectory:
-        """The same way at other times, between its poses on straight lines; before and after it stands still.
+        """The track at other times, between its poses on straight lines; before and after it stands still.
 
         Parameters
         ----------
