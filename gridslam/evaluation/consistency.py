@@ -194,7 +194,7 @@ def silent_steps(estimates: Sequence[Estimate], steps: Steps) -> int:
 
 
 def wrong_and_well(estimates: Sequence[Estimate], error_m: Array, claimed_m: Array) -> int:
-    """The same of errors and claimed deviations of the position, (N,) each, m."""
+    """As `silent_steps`, by errors and claimed deviations of the position, (N,) each, m."""
     well = np.array([one.health.ok for one in estimates], bool)
     return int((well & (error_m > SILENT * claimed_m)).sum())
 

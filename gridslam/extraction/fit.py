@@ -68,7 +68,7 @@ class Fit:
         return Fit(paths, there, self.amplitude[rows], self.energy[rows], self.ridge[rows])
 
     def put(self, rows: Mask | NDArray[np.intp], other: Fit) -> Fit:
-        """The same with some of the snapshots replaced; paths may be more or fewer."""
+        """The fit with some of its snapshots replaced; paths may be more or fewer."""
         most = max(self.paths.shape[1], other.paths.shape[1])
         whole, part = self.padded(most), other.padded(most)
         paths, there = whole.paths.copy(), whole.there.copy()

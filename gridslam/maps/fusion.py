@@ -185,7 +185,7 @@ def _together(maps: Sequence[Map]) -> np.ndarray:
 
 
 def _facing(line: np.ndarray, cov: np.ndarray, angle: float) -> tuple[np.ndarray, np.ndarray]:
-    """The same line (2,) with its normal within 90 degrees of `angle`, unwrapped next to it."""
+    """A line (2,), and its covariance, with its normal within 90 degrees of `angle`, unwrapped next to it."""
     turn = float(wrap(line[0] - angle))
     if abs(turn) <= 0.5 * np.pi:
         return np.array([angle + turn, line[1]]), cov

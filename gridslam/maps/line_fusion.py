@@ -36,7 +36,7 @@ class JointLines:
         return blocks_of(self.covariance)
 
     def about(self, point: Array) -> JointLines:
-        """The same lines with offsets counted from a point (2,) instead of the origin, m."""
+        """The lines with offsets counted from a point (2,) instead of the origin, m."""
         normal, tangent = unit(self.line[:, 0]), unit(self.line[:, 0] + 0.5 * np.pi)
         moved = np.stack([self.line[:, 0], self.line[:, 1] - normal @ point], axis=-1)
         jacobian = np.eye(len(self.covariance))
@@ -45,7 +45,7 @@ class JointLines:
         return JointLines(moved, jacobian @ self.covariance @ jacobian.T)
 
     def turned(self, rows: NDArray[np.bool_]) -> JointLines:
-        """The same lines, some of them (S,) with the opposite normal."""
+        """The lines, some of them (S,) with the opposite normal."""
         sign = np.ones(len(self.covariance))
         sign[1::2][rows] = -1.0
         line = self.line.copy()

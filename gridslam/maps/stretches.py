@@ -24,7 +24,7 @@ def stretches_of(walls: Array, found: SurfaceEstimate) -> SurfaceStretches:
 
 
 def joined(stretches: SurfaceStretches) -> SurfaceStretches:
-    """The same without overlap, in order."""
+    """Stretches of surfaces without overlap, in order."""
     extent = np.sort(stretches.extent_m, axis=1)
     rows, whole = list[int](), list[list[float]]()
     for n in np.lexsort((extent[:, 0], stretches.surface)):

@@ -38,7 +38,7 @@ def _proposed(
     state: Array, noise: Array, mean: Array, head: int, scan: Array, known: Whole, anchor: int,
     places: Array, radio: Array, rate: float, measured: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
-    """The same of one anchor: (M, H) and (M, H, 2)."""
+    """What `propose` says of one anchor: ratio (M, H), lines (M, H, 2)."""
     place, explained, delta = places[anchor].copy(), measured[0], late(mean, head, anchor, places)
     place[3] = tall(mean, head, anchor, places)
     silent, double, length = scan[:, 6] < 0, (known >= 0).any(1), scan[:, 0] - delta

@@ -85,7 +85,7 @@ def off_wall(line: Array, places: Array, pose: Array) -> tuple[Array, Array, Arr
 
 
 def off_point(point: Array, places: Array, pose: Array) -> tuple[Array, Array, Array]:
-    """The same of points (D, 2) that scatter."""
+    """What is heard off points (D, 2), its slopes by them, and their directions in which a length bends."""
     going, coming = point - places[:, :2], point - pose[:2]
     ways = [np.maximum(np.hypot(*way.T), NEAR_M)[:, None] for way in (going, coming)]
     ahead = [way / length for way, length in zip((going, coming), ways, strict=True)]

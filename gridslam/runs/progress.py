@@ -26,7 +26,7 @@ LINES, LEAST_STEPS = 10, 100
 def network_progress_bar(
     tracks: Mapping[str, Trajectory], console: Console | None = None
 ) -> Iterator[Callable[[NetworkEstimate, int, int], None]]:
-    """The same of several agents at once: of the first that is there at a step."""
+    """A progress bar of several agents at once, told of the first that is there at a step."""
     with progress_bar(" ".join(tracks) or "agents", None, console) as tell:
 
         def step_done(estimate: NetworkEstimate, done: int, total: int) -> None:

@@ -315,7 +315,7 @@ def _json(summary: Mapping[str, Any]) -> bytes:
 
 
 def _strict(value: Any) -> Any:
-    """The same in plain JSON: NumPy values made Python's, numbers that aren't finite made null."""
+    """A value in plain JSON: NumPy values made Python's, numbers that aren't finite made null."""
     if isinstance(value, Mapping):
         return {str(key): _strict(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -40,7 +40,17 @@ MOST_AT_ONCE = 200_000
 
 @dataclass(frozen=True)
 class Truth:
-    """Everything that is known only in simulation: the track, the visible paths, the walls."""
+    """Everything that is known only in simulation: the track, the visible paths, the walls.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        N steps.
+    paths : TruePaths
+        All paths that are visible at some step.
+    segments : Segments
+        Straight pieces of the walls.
+    """
 
     trajectory: Trajectory
     paths: TruePaths

@@ -346,5 +346,5 @@ def _entry_points() -> Iterable[EntryPoint]:
 
 @cache
 def _entered(_: tuple[tuple[str, int], ...]) -> tuple[EntryPoint, ...]:
-    """The same of places where packages are, and when these changed."""
+    """Methods of other packages, by the places where packages are, and when these changed."""
     return tuple(entry_points(group=GROUP))

@@ -157,7 +157,7 @@ class FilterModel:
         return self.settings.births / (4 * np.pi * self.radius_m)
 
     def calibrated(self, turns: Array, higher: Array, aside: Array | None = None) -> Self:
-        """The same with its anchors turned by (senders,) rad, their images with them, and rises of (G,) m.
+        """The model with its anchors turned by (senders,) rad, their images with them, and rises of (G,) m.
 
         The same object where that changes nothing.
 

@@ -96,7 +96,7 @@ def line_through(start: Array, end: Array) -> Array:
 
 
 def canonical(line: Array) -> Array:
-    """The same line with offset >= 0 and a wrapped angle."""
+    """A line (..., 2), rad and m, with offset >= 0 and a wrapped angle."""
     line = np.asarray(line, dtype=np.float64)
     flip = line[..., 1] < 0
     return np.stack([wrap(line[..., 0] + np.pi * flip), np.abs(line[..., 1])], axis=-1)

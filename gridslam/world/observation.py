@@ -34,7 +34,7 @@ class Observation(Protocol):
         ...
 
     def checked(self, anchors: int, after: float | None = None) -> Self:
-        """The same as arrays, if a filter can make sense of it.
+        """The observation as arrays, if a filter can make sense of it.
 
         Raises
         ------

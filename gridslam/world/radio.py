@@ -73,7 +73,7 @@ class RadioModel:
     upright: tuple[float, ...] = ()
 
     def imaged(self, gains: Array) -> RadioModel:
-        """The same, all anchors followed by their images in floor and ceiling, with gains (V,), 1 first."""
+        """The radio of all anchors, then of their images in floor and ceiling, with gains (V,), 1 first."""
         aperture = np.tile(self.anchor_aperture, (len(gains), 1))
         return replace(self, anchor_aperture=aperture, image_gains=tuple(gains.tolist()))
 

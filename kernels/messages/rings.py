@@ -46,7 +46,7 @@ def follow_rings(
 def follow_one(
     r, k, before: ti.template(), mean: ti.template(), covariance: ti.template(), log: ti.template()
 ):
-    """The same of one hypothesis, with the root of 1 + B' P B."""
+    """What `follow_rings` does, of one hypothesis, with the root of 1 + B' P B."""
     for i, j in ti.static(ti.ndrange(MOVING, MOVING)):
         covariance[r, k, i, j] += before[i, 6 + j]
     off, push = ti.Vector.zero(ti.f64, MOVING), ti.Vector.zero(ti.f64, MOVING)

@@ -73,7 +73,7 @@ def off_wall(row, pose: ti.template(), place: ti.template(), form: ti.template()
 
 @ti.func
 def off_point(row, pose: ti.template(), place: ti.template(), form: ti.template()):
-    """The same off a point, about which a length bends from either end."""
+    """Distance, AoD and AoA off a point, their slopes by it; a length bends about it from either end."""
     point = ti.Vector([form[row, POINT], form[row, POINT + 1]], dt=ti.f64)
     going = point - ti.Vector([place[row, 0], place[row, 1]], dt=ti.f64)
     coming = point - ti.Vector([pose[0], pose[1]], dt=ti.f64)

@@ -51,7 +51,7 @@ def angle_of(x, y):
 
 
 def _narrow(function):
-    """The same in single precision, for devices that have it in no other."""
+    """A function's twin in single precision, for devices that have it in no other."""
 
     @ti.func
     def of_one(x):
@@ -95,7 +95,7 @@ def turn_of(angle):
 
 @ti.func
 def wrapped(angle):
-    """The same angle in [-pi, pi]."""
+    """An angle, in [-pi, pi]."""
     return angle - TURN * ti.floor(angle * (1 / TURN) + 0.5)
 
 

@@ -188,7 +188,7 @@ def bend_of(slope, length, covariance: ti.template()):
 
 @ti.func
 def bend_of_bounce(slope, length, place, angle, offset, block):
-    """The same of a single bounce over a line, (M552).
+    """What a single bounce's derivatives leave out: mean and covariance, docs/model.md, (M552).
 
     `block` (4, 4) is the covariance of x, y and the line. The anchor's image runs on a circle with the line's
     angle, which one measurement hardly tells where the line is close to the anchor.

@@ -61,7 +61,7 @@ def copying(*names: str) -> Callable[[Any], Any]:
 
 
 def quick(kernel: Any, copied: Sequence[str] = ()) -> Any:
-    """The same kernel, launched quickly if that `agrees` with Taichi's own launches.
+    """A kernel, launched quickly if that `agrees` with Taichi's own launches.
 
     Whatever isn't as it was compiled for goes Taichi's own way.
 

@@ -92,7 +92,7 @@ def rician(measured, amplitude, samples):
 
 @ti.func
 def rician_about(measured, amplitude, samples, unsure):
-    """The same of an amplitude that is known to a share `unsure` of it, (M541)."""
+    """As `rician`, of an amplitude u that is known to a share `unsure` of it; docs/model.md, (M541)."""
     variance = 0.5 + amplitude * amplitude / (4 * samples) + unsure * unsure * measured * amplitude
     gap = measured - amplitude
     bessel = scaled_bessel(measured * amplitude / variance)
@@ -101,7 +101,7 @@ def rician_about(measured, amplitude, samples, unsure):
 
 @ti.func
 def log_rician(measured, amplitude, samples):
-    """Logarithm of the same, which doesn't underflow."""
+    """Logarithm of `rician`, which doesn't underflow."""
     variance = 0.5 + amplitude * amplitude / (4 * samples)
     gap = measured - amplitude
     bessel = logarithm_of(scaled_bessel(measured * amplitude / variance))

@@ -74,7 +74,7 @@ def read_quickly() -> Iterator[None]:
 
 @cache
 def _sources(find: Callable[..., Any]) -> Callable[..., Any]:
-    """The same, with what was found before kept."""
+    """A function that finds sources, with what it found before kept."""
     return cache(find)
 
 

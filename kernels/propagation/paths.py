@@ -102,7 +102,7 @@ def weigh_pairs(
     block, row, head, state: ti.template(), path: ti.template(), places: ti.template(),
     start: ti.template(), pair: ti.template(), out: ti.template(),
 ):  # fmt: skip
-    """The same sums for the gated pairs of one path, and at how many particles it is possible."""
+    """Sums over particles for the gated pairs of one path, and at how many particles it is possible."""
     at, paths, anchor = block * BLOCK, path.shape[0], path[row, ANCHOR]
     ax, ay = ti.cast(places[anchor, 0], ti.f32), ti.cast(places[anchor, 1], ti.f32)
     facing, height = ti.cast(places[anchor, 2], ti.f32), ti.cast(places[anchor, HEIGHT], ti.f32)

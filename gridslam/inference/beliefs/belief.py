@@ -49,7 +49,7 @@ class Belief:
         return StateLayout.of_view(len(self.mean), self.clocks, self.rises)
 
     def copy(self) -> Belief:
-        """The same in arrays of its own."""
+        """The belief in arrays of its own."""
         return replace(self, mean=self.mean.copy(), covariance=self.covariance.copy())
 
     @property

@@ -24,7 +24,7 @@ beyond those, with forgetting, from which on a place is called wrong."""
 LOW_EVIDENCE, ONE_UNEXPLAINED = 10.0, 8.0
 """Of each loud measurement, nats, below which a step is hardly explained; what stands for the 15 then."""
 ASKED_EVIDENCE = 20.0
-"""The same, below which a step is compared at once."""
+"""Evidence of each loud measurement, nats, below which a step is compared at once."""
 BY_CHANCE, SURPLUS = 2.0, 15.0
 """Nats by which the best pose of many may explain a scan better by chance; and sum of what is beyond, from
 which on a place is called wrong."""
@@ -141,7 +141,7 @@ class Doubt:
         return replace(self, elsewhere=FADING * self.elsewhere + beyond)._raised_since(self)
 
     def _raised_since(self, before: Doubt) -> Self:
-        """The same with a search of other places, if anything speaks against all hypotheses."""
+        """The doubt with a search of other places, if anything speaks against all hypotheses."""
         if not self.against():
             return self
         return replace(self, doubtful=DOUBT_STEPS, raised=not before.against())

@@ -121,7 +121,7 @@ def offset(whose: str, size_m: float) -> str:
 
 
 def of_late(what: str) -> str:
-    """The same, which began in mid-run."""
+    """What is said of an error of distances or places that began in mid-run."""
     return f"of late {what}"
 
 

@@ -152,7 +152,7 @@ def put_back(state: Turning, model: FilterModel) -> Turning:
 
 
 def all_with_turn(population: Population[Turning], model: FilterModel) -> Population[Turning]:
-    """The same of all hypotheses."""
+    """Hypotheses to go on from, each with the turn in its belief, (M494)."""
     states = tuple(with_turn(state, model) for state in population.states)
     return population if all(map(is_, states, population.states)) else changed(population, states=states)
 

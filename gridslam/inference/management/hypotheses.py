@@ -128,7 +128,7 @@ def _ranges(population: Population[State], scan: Scan, model: FilterModel, work:
 def _advanced(
     population: Population[State], scan: Scan, model: FilterModel, work: Workspace, start: Start, step: Step
 ) -> tuple[Population[State], StepInfo]:
-    """The same without a look at the distances."""
+    """One step of all hypotheses, as `advance_population` but for its look at the distances."""
     if population.searching:
         modes, prior = _search(population, scan, model, work)
         waited = population.waited + (len(scan) > 0)

@@ -76,7 +76,7 @@ class StepInfo:
         return sum(exchange.log_evidence for exchange in self.exchanges)
 
     def doubted(self, reason: str, instead: str = "") -> StepInfo:
-        """The same with one more reason for which health isn't good, instead of one that follows from it."""
+        """The info with one more reason for which health isn't good, instead of one that follows from it."""
         before = (why for why in self.health.why.split("; ") if why != instead)
         why = "; ".join(filter(None, (*before, reason)))
         return replace(self, health=replace(self.health, ok=False, why=why))

@@ -88,7 +88,7 @@ class Seen:
         return self.pairs(way, row, expected, variance)
 
     def pairs(self, way: NDArray[np.intp], row: NDArray[np.intp], expected: Array, variance: Array) -> Array:
-        """The same of measurements `row`."""
+        """Ratio over clutter of each path with its own measurement `row`; 1 where there is no elevation."""
         spread = self.variance[way, row] + variance
         with np.errstate(invalid="ignore"):
             gap = (self.value[way, row] - expected) ** 2 / spread

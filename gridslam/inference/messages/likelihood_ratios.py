@@ -120,7 +120,7 @@ class LikelihoodRatios:
         return self.message[tables.RESPONSIBLE]
 
     def times(self, factor: Array) -> LikelihoodRatios:
-        """The same with a further factor (L, M) of the likelihoods."""
+        """The ratios with a further factor (L, M) of the likelihoods."""
         pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()
         row, m = self.pairs.index[: len(self.pairs)].T
         pair[: len(self.pairs), tables.DENSITY] *= factor[row, m]
@@ -132,7 +132,7 @@ class LikelihoodRatios:
         return replace(self, pairs=replace(self.pairs, pair=pair), message=message, measured=measured)
 
     def against(self, clutter: float) -> LikelihoodRatios:
-        """The same against a clutter level `clutter` times as high."""
+        """The ratios against a clutter level `clutter` times as high."""
         pair, message, measured = self.pairs.pair.copy(), self.message.copy(), self.measured.copy()
         pair[: len(self.pairs), tables.DENSITY] /= clutter
         message[tables.RATIO] /= clutter

@@ -54,7 +54,7 @@ def weigh_angles(state: State, paths: PredictedPaths, ratios: LikelihoodRatios, 
 
 
 def weigh_heard_angles(state: State, paths: PredictedPaths, rows: NDArray[np.intp], heard: Array) -> State:
-    """The same by D measurements of paths.
+    """The state with the angles of its single bounces weighed by D measurements of paths; (M517), (M547).
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def learn_surface_walks(predicted: State, state: State) -> State:
 
 
 def learn_shared_walks(predicted: NetworkState, state: NetworkState) -> NetworkState:
-    """The same of surfaces that several agents share, by what all of them have heard at a step."""
+    """The state with walks of surfaces that agents share, judged by what all have heard at a step; (M361)."""
     bank = with_walks(predicted.surfaces, predicted.belief, state.surfaces, state.belief)
     return replace(state, surfaces=bank)
 

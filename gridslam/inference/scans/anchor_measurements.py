@@ -257,7 +257,7 @@ def of_all_anchors(scan: Scan, threshold: float = 0.0) -> AnchorScan:
 
 
 def whole_scan(scan: Scan, model: FilterModel) -> AnchorScan:
-    """The same by the model's threshold: what several messages of a step ask the workspace for once."""
+    """A whole scan by `of_all_anchors` and the model's threshold, as a step's messages share it in `work`."""
     return of_all_anchors(told_alone(scan, model.radio), model.radio.threshold)
 
 

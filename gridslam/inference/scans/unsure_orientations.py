@@ -37,7 +37,7 @@ def as_sure_as_anchors(scan: Scan, model: FilterModel) -> Scan:
 
 
 def all_as_sure_as_anchors(scan: NetworkScan, model: NetworkModel) -> NetworkScan:
-    """The same of all agents' scans."""
+    """All agents' scans with departures whose deviations allow for how the anchors may be turned."""
     each = zip(scan.scans, model.agents, strict=True)
     return replace(
         scan, scans=tuple(None if own is None else as_sure_as_anchors(own, of) for own, of in each)

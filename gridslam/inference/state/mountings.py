@@ -146,7 +146,7 @@ class Mountings:
         return replace(self, cross=cross)
 
     def following(self, before: Belief, after: Belief, rows: tuple[Rows, Rows] | None = None) -> Self:
-        """The same once the joint belief has become `after`; see `regression.following`."""
+        """The mountings once the joint belief has become `after`; see `regression.following`."""
         mean, covariance, cross = following(
             Beside(self.mean, self.covariance, self.cross), before, after, rows
         )

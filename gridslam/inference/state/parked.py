@@ -75,14 +75,14 @@ class Parked:
         return replace(self, cross=cross, covariance=covariance)
 
     def following(self, before: Belief, after: Belief, rows: tuple[Rows, Rows] | None = None) -> Self:
-        """The same once the joint belief has become `after`; see `regression.following`."""
+        """The parked surfaces once the joint belief has become `after`; see `regression.following`."""
         mean, covariance, cross = following(
             Beside(self.mean, self.covariance, self.cross), before, after, rows
         )
         return replace(self, mean=mean, covariance=covariance, cross=cross)
 
     def unlinked(self) -> Self:
-        """The same, independent of the agent: it was put elsewhere."""
+        """The parked surfaces, independent of the agent: it was put elsewhere."""
         cross = self.cross.copy()
         cross[:, :AGENT] = 0.0
         return replace(self, cross=cross)

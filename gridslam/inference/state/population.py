@@ -107,7 +107,7 @@ class Population(Generic[S]):
     def having(
         self, states: Sequence[S], log_weight: Array | Sequence[float], guard: int = NONE, **changes: Any
     ) -> Self:
-        """The same with other states of any log weights, which are normalised, the likeliest first.
+        """The population with other states of any log weights, which are normalised, the likeliest first.
 
         Parameters
         ----------

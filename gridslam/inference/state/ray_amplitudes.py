@@ -29,11 +29,11 @@ class RayAmplitudes:
     known: Mapping[Key, tuple[Array, float]] = field(default_factory=dict)
 
     def having(self, changes: Mapping[Key, tuple[Array, float]]) -> RayAmplitudes:
-        """The same with some of the beliefs replaced or added."""
+        """The amplitudes with some of the beliefs replaced or added."""
         return RayAmplitudes({**self.known, **changes}) if changes else self
 
     def among(self, alive: NDArray[np.int64]) -> RayAmplitudes:
-        """The same without the rays of surfaces that are no more."""
+        """The amplitudes without the rays of surfaces that are no more."""
         living = {-1, *alive.tolist()}
         gone = [key for key in self.known if key[1] not in living or key[2] not in living]
         if not gone:

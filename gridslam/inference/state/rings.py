@@ -91,7 +91,7 @@ class Rings:
         return Rings(*(np.concatenate(pair) for pair in pairs))
 
     def put(self, rows: NDArray[np.intp], other: Rings) -> Rings:
-        """The same with `other` in place of the rings `rows`."""
+        """The rings with `other` in place of `rows`."""
         columns = {f.name: getattr(self, f.name).copy() for f in fields(self)}
         for name, column in columns.items():
             column[rows] = getattr(other, name)

@@ -78,7 +78,7 @@ def _with_this(before: NetworkState, scan: NetworkScan, log_evidence: float) -> 
 def taken_again(
     steps: ClockSteps, after: NetworkState, model: NetworkModel, works: Sequence[Workspace], step: Step
 ) -> tuple[NetworkState, Any, ClockSteps] | None:
-    """The same steps with the clocks that are set after them set from the first on, each about its mode.
+    """A search's steps once more, with clocks that are set after them set from the first, about their modes.
 
     And once more with the surfaces that come out, of which births of other labels are none then.
 

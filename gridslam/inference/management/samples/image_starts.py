@@ -52,8 +52,8 @@ def begun(state: DirectState, band: Band) -> Population[DirectState]:
 def begun_anew(
     population: Population[DirectState], time_s: float, model: SignalModel
 ) -> Population[DirectState]:
-    """The same; after a silence that leaves less of its place than that it is in the region, the agent is
-    searched for, (M570).
+    """The hypotheses to go on from at a time; after a silence that leaves no more of the agent's place than
+    that it is in the region, it is searched for, (M570).
 
     Settled images stay as they were; rings hang on where the agent was. Two anchors alone don't tell on which
     side of them it is.

@@ -47,7 +47,7 @@ def alone(state: State, scan: SignalScan, model: SignalModel, work: Workspace) -
 
 
 def headed(likelihood: PoseLikelihood, scan: SignalScan, model: SignalModel) -> PoseLikelihood:
-    """The same with the scan's heading, where it holds one."""
+    """The likelihood of poses with the scan's heading, where it holds one."""
     if scan.heading_rad is None:
         return likelihood
     std = max(model.waveform.heading_std_rad, ARRIVING_RAD)
@@ -57,7 +57,7 @@ def headed(likelihood: PoseLikelihood, scan: SignalScan, model: SignalModel) -> 
 def mapped(
     likelihood: PoseLikelihood, scan: SignalScan, state: State, model: SignalModel, *, work: Workspace
 ) -> PoseLikelihood:
-    """The same with the single bounces over the surfaces that a state knows."""
+    """The likelihood of poses with the single bounces over the surfaces that a state knows."""
     known = known_sources(state, model, work=work)
     heard = np.flatnonzero(scan.heard).tolist()
     rows = zip(likelihood.terms, heard, strict=True)

@@ -41,7 +41,7 @@ def matched_outputs(samples: Complex, offset_hz: Array, pulse: Complex) -> NDArr
 
 
 def coarse_outputs(samples: Complex, offset_hz: Array, pulse: Complex) -> NDArray[np.float32]:
-    """The same without slopes, antennas of a distance side by side, (..., COARSE_ROWS + 1, N, 2)."""
+    """Matched outputs without slopes, antennas of a distance side by side, (..., COARSE_ROWS + 1, N, 2)."""
     value = _over_distances(samples * pulse.conj(), offset_hz, COARSE_ROWS)
     turned = np.ascontiguousarray(np.moveaxis(value, -1, -2))
     return turned.view(np.float32).reshape(*turned.shape, 2)

@@ -75,7 +75,7 @@ class Products:
 
 @dataclass(frozen=True, eq=False)
 class Whitened:
-    """The same in units of what is expected of the samples, C being their covariance.
+    """Products of responses and samples in units of what is expected of samples, C being their covariance.
 
     Attributes
     ----------

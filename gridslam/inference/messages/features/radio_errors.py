@@ -53,8 +53,9 @@ class RadioErrors:
     element_error_m, element_std_m : (N, 2)
         Found less assumed places, and deviations. That all are shifted alike can't be told.
     pulse_error : (M,) complex128
-        Relative; its deviations of either part are
+        Relative to the assumed pulse.
     pulse_std : (2, M)
+        Deviations of its real and imaginary parts.
     """
 
     waveform: Waveform

@@ -78,7 +78,7 @@ class Stretch:
         return self._matched(self.rest(table))
 
     def quieter(self, table: Array) -> tuple[Stretch, Tables]:
-        """The same with the noise's power that features (D, 4) leave, and what is unexplained then."""
+        """The stretch with the noise's power that features (D, 4) leave, and what is unexplained then."""
         rest = self.rest(table)
         free = rest[0].size - 1 - len(table)
         noise = float((np.abs(rest) ** 2).sum() / (len(rest) * free))

@@ -25,7 +25,7 @@ def spread_m(belief: JointBelief) -> float:
 
 
 def drifted(belief: JointBelief, segment: Segment, before_s: float | None, model: SignalModel) -> float:
-    """The same half-way through a segment of which nothing is heard."""
+    """Deviation of the agent's place, m, half-way through a segment of which nothing is heard."""
     agent, earlier = belief.keep(np.zeros(len(belief.features), bool)), before_s
     for time_s in segment.time_s[: len(segment) // 2]:
         if earlier is not None:
@@ -35,7 +35,7 @@ def drifted(belief: JointBelief, segment: Segment, before_s: float | None, model
 
 
 def moved_starts(segment: Segment, before: JointBelief) -> list[Segment]:
-    """The same way from places about where the agent is believed to have started."""
+    """The segment's way from each of several places about where the agent is believed to have started."""
     reach = BESIDE_STD * spread_m(before)
     angle = 2 * np.pi * np.arange(STARTS) / STARTS
     shift = np.zeros((STARTS, 1, MOVING))

@@ -55,7 +55,7 @@ class PathPrior:
         return np.ones(len(self.mean)) if self.chance is None else self.chance
 
     def back(self, row: int, distance: float | None = None) -> PathPrior:
-        """The same where a path that was away is there, at a distance or where it is predicted."""
+        """The prior if a path that was away is there, at a distance or where it is predicted."""
         away = np.zeros(len(self.weight)) if self.away is None else self.away.copy()
         there = self.weighed(row, float(away[row]))
         away[row] = 0.0
@@ -66,7 +66,7 @@ class PathPrior:
         return replace(there, away=away, chance=chance, begin=begin)
 
     def weighed(self, row: int, weight: float) -> PathPrior:
-        """The same with another mean power of one path."""
+        """The prior with another mean power of one path."""
         fresh = self.weight.copy()
         fresh[row] = weight
         return replace(self, weight=fresh)

@@ -45,7 +45,7 @@ class MatchedPower:
         return cls(band, power)
 
     def without(self, path: Array) -> MatchedPower:
-        """The same with -1 beside paths (K, 3)."""
+        """The matched power with -1 beside paths (K, 3)."""
         power, beams, band = self.power.copy(), self.band.beams, self.band
         length, leaving, arriving = (
             np.abs(_turned(grid - path[:, [side]], turn)) * band.steepness[side] < BESIDE

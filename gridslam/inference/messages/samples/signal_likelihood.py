@@ -27,7 +27,7 @@ LEAST_WEIGHT = 1e-9
 
 
 def pairs(numbers: Complex) -> Array:
-    """The same memory as real and imaginary parts, the last axis."""
+    """Complex numbers as real and imaginary parts, the last axis, in the same memory."""
     return numbers.view(np.float64).reshape(*numbers.shape, 2)
 
 

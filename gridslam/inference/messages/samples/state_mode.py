@@ -72,7 +72,7 @@ class PathsPrior:
         return replace(self, free=free, weight=np.append(self.weight, weight))
 
     def reweighted(self, row: int, weight: float) -> PathsPrior:
-        """The same with another weight of one path."""
+        """The prior with another weight of one path."""
         fresh = self.weight.copy()
         fresh[row] = weight
         return replace(self, weight=fresh)
@@ -172,7 +172,7 @@ def is_wide(band: ArrayBand, belief: Belief, place: Array, table: Whole) -> NDAr
 
 
 def _wide(slope: Array, band: ArrayBand) -> NDArray[np.bool_]:
-    """The same by derivatives (N, 3, n) by deviations of the belief."""
+    """What `is_wide` says of paths (N,), by their derivatives (N, 3, n) by deviations of the belief."""
     return np.asarray((np.sqrt((slope**2).sum(-1)) * band.steepness > WIDE).any(-1))
 
 

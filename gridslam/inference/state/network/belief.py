@@ -174,7 +174,7 @@ class NetworkBelief(Belief):
         return replace(self, mean=mean, covariance=covariance)
 
     def independent(self, entry: int, mean: float, variance: float) -> NetworkBelief:
-        """The same with one entry's belief replaced, independent of all others."""
+        """The belief with one entry's replaced, independent of all others."""
         moved, covariance = self.mean.copy(), self.covariance.copy()
         moved[entry] = mean
         covariance[entry], covariance[:, entry] = 0.0, 0.0
@@ -198,7 +198,7 @@ class NetworkBelief(Belief):
         return replace(self, mean=mean, covariance=covariance)
 
     def alike(self, entry: int, other: int) -> NetworkBelief:
-        """The same with one entry as another, in all that is believed of it."""
+        """The belief with one entry as another, in all that is believed of it."""
         moved, covariance = self.mean.copy(), self.covariance.copy()
         moved[entry] = moved[other]
         covariance[entry] = covariance[other]
@@ -258,7 +258,7 @@ class _Places(NamedTuple):
 
 @lru_cache(256)
 def _places(layout: NetworkLayout, agent: int) -> _Places:
-    """The same for all beliefs of a layout."""
+    """Where an agent's view stands in the state, once for all beliefs of a layout."""
     seen, pose = StateLayout(1, layout.clocks, layout.surfaces), np.arange(AGENT)
     rows = np.zeros((seen.size, layout.size))
     rows[pose, layout.pose(agent).start + pose] = 1.0

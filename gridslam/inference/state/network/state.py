@@ -171,7 +171,7 @@ class NetworkState:
         return self._part(agent, self.belief.view(agent, self.loose(agent)))
 
     def part_of(self, agent: int) -> State:
-        """The same with clocks as `belief` has them, whether they are set or not."""
+        """What `part` says of an agent, with clocks as `belief` has them, whether they are set or not."""
         return self._part(agent, self.belief.view(agent))
 
     def _part(self, agent: int, view: Belief) -> State:

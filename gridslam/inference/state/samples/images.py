@@ -226,7 +226,7 @@ class DirectState:
         return np.stack([across, toward], -1)
 
     def packed(self) -> Self:
-        """The same with every array in the order in which files hold it.
+        """The state with every array in the order in which files hold it.
 
         Sums depend on it in the last digit: so a run goes on from a checkpoint bit for bit.
         """
