@@ -20,7 +20,8 @@ Flags = NDArray[np.bool_]
 PROPOSED, VISIBLE, HEARD = 0.1, 0.5, 3.0
 """Existence of a proposed image, how visible it is, and as if heard how often."""
 CONFIRMED, CONFIRMED_HEARD = 0.9, 13.0
-"""Existence above which it is there, and how often it must have been heard then to count as any other."""
+"""Existence above which an image in a common wall is believed in; and how often a proposed one must have been
+heard besides (it begins with `HEARD`) to count as any other."""
 SHARP_M = 0.08
 """Deviation of a path's length beyond which no image is proposed."""
 GATE, GATE_M = 2.0, 0.03
@@ -32,7 +33,7 @@ MOST = 3
 LEAST_SPEED = 1e-6
 """m/s, of an agent that goes somewhere."""
 HALVED, SUREST = 0.5, 20.0
-"""What a step in a confirmed image's place does to the odds of what stood there, which are at most this."""
+"""What a step in a believed image's place does to the odds of what stood there, which are at most this."""
 TRAVEL_M, SURELY = 1.0, 2.0
 """A path that the agent's way leads away from another one's place, within so many metres and by so many
 deviations of its direction, crosses it and doesn't stand there."""
@@ -73,16 +74,17 @@ def propose_images(
 
 
 def confirm_proposals(state: DirectState) -> DirectState:
-    """Proposed images that have been heard for long are images as others."""
+    """The state with proposed images that are believed in, and were heard for long, made images as others."""
     images = state.images
     done = (images.bounces < 0) & (images.existence > CONFIRMED) & (images.heard > CONFIRMED_HEARD)
     return replace(state, images=replace(images, bounces=np.where(done, -images.bounces, images.bounces)))
 
 
 def judge_proposals(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> tuple[Array, Array]:
-    """|y|^2 and g (1 + S,) of each path, those of proposed images as if nothing stood in for them.
+    """|y|^2 and g (1 + S,) of each path; of unsure images in common walls, as if nothing stood in for them.
 
-    A ring whose bearing is wrong follows any path, and would explain that of a proposed image for ever.
+    Unsure: proposed or tied, with an existence below 0.9. A ring whose bearing is wrong follows any path, and
+    would explain that of such an image for ever.
     """
     images, rows, mode = state.images, paths.images, found.mode
     matched, own = found.apart
@@ -99,9 +101,10 @@ def judge_proposals(state: DirectState, paths: AnchorPaths, found: FoundDistance
 
 
 def retire_substitutes(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> DirectState:
-    """Rings, and images known badly, that stay where a confirmed image's path is are hardly there.
+    """Rings, and images known badly, that stay where the path of a believed image in a common wall is.
 
-    Two paths that cross stand beside each other for some steps, too, and both are there.
+    They are hardly there then. Believed: its existence is above 0.9, and its path visible. Two paths that
+    cross stand beside each other for some steps, too, and both are there.
     """
     images, rows, joint = state.images, paths.images, paths.joint
     sure = (images.bounces[rows] != 0) & (images.existence[rows] > CONFIRMED) & (images.visible[rows] > 0.5)
