@@ -13,7 +13,7 @@ reason               said when                                    by            
                      measurements were too loud for clutter
 `blind`              the position was known to 0.5 m or worse     `monitor.HealthMonitor.assess`   (M533)
                      since the latest line of sight
-`found_again`        pose recovery (direct grid SLAM: (M522))     `monitor.HealthMonitor.assess`   section 9
+`found_again`        pose recovery (direct grid SLAM: (M522))     `monitor.HealthMonitor.assess`   (M576)
                      moved the agent 0 to 4 steps ago
 `found_again`        it began where first arrivals told, and      `systems.direct`                 (M535)
                      they haven't since, in 40 steps at most
@@ -49,7 +49,7 @@ reason               said when                                    by            
                      half a metre and five of its deviations
                      (hybrid SLAM)
 `crowded`            over 30 loud paths of one anchor             `monitor.HealthMonitor.assess`   section 9
-`left_out`           over 24 surfaces are in sight                `monitor`; of networks           section 9
+`left_out`           over 24 surfaces are in sight                `monitor`; of networks           (M575)
                                                                   `management.network.merging`
 `NOT_FOUND`          a vague start is still searched for          `management.start_search`        (M202),
                                                                                                    (M91)
