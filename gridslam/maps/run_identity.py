@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -153,6 +153,18 @@ def alike_runs(grid: MapCells) -> list[str]:
                     "the paths were extracted from those samples, they count twice"
                 )
     return notes
+
+
+def makers_of(prior: MapCells | None) -> dict[str, list[Any]]:
+    """Who made the map that a filter starts from, as parallel lists."""
+    earlier = {} if prior is None else prior.provenance
+    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs", "kinds")}
+    known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
+    count = len(known["agents"])  # maps of earlier versions name neither their runs nor what was heard
+    late = {key: [""] * (count - len(known[key])) + known[key] for key in ("runs", "kinds")}
+    names = earlier.get("told")
+    truth = {"told": list(names)} if isinstance(names, list) else {}
+    return known | truth | late
 
 
 def refuse_shared_runs(maps: Sequence[MapCells], names: Sequence[str]) -> None:

@@ -18,7 +18,7 @@ from gridslam.errors import InputError
 from gridslam.estimates import Estimate
 from gridslam.maps.frames import fitted
 from gridslam.maps.map import Map
-from gridslam.maps.run_identity import Identity, refuse_heard
+from gridslam.maps.run_identity import Identity, makers_of, refuse_heard
 from gridslam.systems.far_regions import about, middle_of, moved_map
 from gridslam.wording import counted
 from gridslam.world.filter_model import FilterModel
@@ -114,7 +114,7 @@ class FilterFront(ABC, Generic[Observed, Believed]):
             prior, _ = fitted(prior_map, scene, same_frame=same_frame)
         if prior is not None and (prior.lost or not self.uses_maps):
             prior = None
-        self.provenance = _provenance(prior)
+        self.provenance = makers_of(prior)
         prior = None if prior is None else moved_map(prior, -self.model.origin_m)
         self.inherited = None if prior is None else self._inherited(prior)
         begun = self._begun(self.start(self.model, prior))
@@ -324,18 +324,6 @@ class FilterFront(ABC, Generic[Observed, Believed]):
 
         slam: Self = read_checkpoint(path, cls)
         return slam
-
-
-def _provenance(prior: Map | None) -> dict[str, list[Any]]:
-    """Who made the map that a filter starts from, as parallel lists."""
-    earlier = {} if prior is None else prior.provenance
-    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs", "kinds")}
-    known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
-    count = len(known["agents"])  # maps of earlier versions name neither their runs nor what was heard
-    late = {key: [""] * (count - len(known[key])) + known[key] for key in ("runs", "kinds")}
-    names = earlier.get("told")
-    truth = {"told": list(names)} if isinstance(names, list) else {}
-    return known | truth | late
 
 
 def require_paths(scan: object, system: object) -> None:

@@ -65,9 +65,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         births, ratios = propose_births(  # (M32)
             state, ranging.of_arrivals(anchor_scan), cloud, ratios, radio, model, work=work
         )
-        # rings count against the clutter of the scans before, here and where they are updated: no reason for
-        # that is known, and results hang on it
-        given, tentative = ranging.associate_with_rings(state, anchor_scan, ratios, radio_before, model)
+        given, tentative = ranging.associate_with_rings(state, anchor_scan, ratios, radio, model)
         state, exchange = update_surfaces_and_agent(  # (M27) to (M31)
             state, anchor_scan, paths, ratios, calibration_used.turned, model, given, work=work
         )
@@ -77,7 +75,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             state, births, anchor_scan, exchange, radio, model, shared=False, work=work
         )
         state = start_amplitudes(state, born, anchor_scan, model.radio)
-        state = ranging.update_rings(before, state, anchor_scan, tentative, radio_before, model)  # (M45)
+        state = ranging.update_rings(before, state, anchor_scan, tentative, radio, model)  # (M45)
         state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
