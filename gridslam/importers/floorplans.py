@@ -23,7 +23,8 @@ from gridslam.world.scene_parts import SAME_PLACE_M, Wall
 
 KNOWN = {"concrete": 0.7, "glass": 0.3}
 ASSUMED = 0.7
-FARTHEST_M = 10_000.0
+FARTHEST_M, SMALLEST_M = 10_000.0, 0.3
+"""From the origin; and width or depth of a plan that can be one of a room."""
 MARGIN_M, ROUND_M = 1.0, 0.5
 
 
@@ -213,7 +214,10 @@ def plan_of(
 
 
 def _check_size(plan: Plan, size: Array) -> None:
-    """Refuse walls within so large a `size` (2,) m that there are too many cells."""
+    """Refuse walls within so large a `size` (2,) m that there are too many cells, or too small for a room."""
+    if size.max() < SMALLEST_M:
+        found = f"a plan of {1e3 * size[0]:.3g} mm x {1e3 * size[1]:.3g} mm"
+        raise InputError(plan.source, found, f"{SMALLEST_M:g} m or more: --unit m if it is drawn in metres")
     need = size[0] * size[1] / plan.cell_m**2 * CELL_BYTES
     if need > MOST_BYTES:
         found = f"a plan of {size[0]:.0f} m x {size[1]:.0f} m, whose cells of {plan.cell_m:g} m need"

@@ -165,6 +165,9 @@ def test_plans_far_away_or_without_end_are_refused(tmp_path):
     millimetres = Line(((0.0, 0.0), (9000.0, 0.0), (9000.0, 7000.0)))
     with pytest.raises(InputError, match=r"9000 m x 7000 m, whose cells of 0\.1 m need .* GB; .*--unit mm"):
         plan_of([millimetres], "x", name="x")
+    read_as_mm = Line(((0.0, 0.0), (0.009, 0.0), (0.009, 0.007)))
+    with pytest.raises(InputError, match=r"a plan of 9 mm x 7 mm; allowed: 0\.3 m or more: --unit m"):
+        plan_of([read_as_mm], "x", name="x")
 
 
 def test_a_plan_in_another_unit_is_read_by_it_or_told_to_be(say, tmp_path):
