@@ -21,7 +21,7 @@ from gridslam.inference.messages.birth_proposals import propose_births
 from gridslam.inference.messages.cells import cast_messages, update_cells
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
-from gridslam.inference.messages.elevations import weigh_births, weigh_elevations
+from gridslam.inference.messages.elevations import weigh_by_elevations, weigh_elevations
 from gridslam.inference.messages.faint_births import remember_leftovers, unclaimed, weigh_by_leftovers
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
@@ -97,7 +97,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         )
         births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
         births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
-        births, ratios = weigh_births(births, state, anchor_scan, ratios, radio, model)  # (M303)
+        births, ratios = weigh_by_elevations(births, state, anchor_scan, ratios, radio, model)  # (M303)
         # association, section III-D, then beliefs of agent, surfaces and rays: (M26) to (M31)
         state, exchange = representation.update_surfaces_and_agent(
             state, anchor_scan, paths, ratios, calibration_used.turned, model, work=work

@@ -18,7 +18,7 @@ from gridslam.inference.state.surface_bank import SurfaceBank
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import unit
 
-CROSSED_NAT = -1.0
+WALL_NAT = -1.0
 """Evidence below which cells were crossed, rather than hit."""
 LEFT = 0.05
 """Share of a stretch that may be left: what nothing crosses, as beside another wall."""
@@ -72,5 +72,5 @@ def passed(line: Array, extent: Array, grid: Grid, model: FilterModel) -> bool:
     column, row = np.moveaxis(np.floor((place - origin) / side).astype(np.int64), -1, 0)
     inside = (row >= 0) & (row < grid.shape[0]) & (column >= 0) & (column < grid.shape[1])
     evidence = grid.whole_evidence((np.where(inside, row, 0), np.where(inside, column, 0)))
-    wall = (inside & (evidence >= CROSSED_NAT)).any(1) | ~inside.any(1)
+    wall = (inside & (evidence >= WALL_NAT)).any(1) | ~inside.any(1)
     return bool(wall.mean() < LEFT)

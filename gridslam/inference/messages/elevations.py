@@ -176,7 +176,7 @@ def weigh_elevations(
     return ratios.times(factor)
 
 
-def weigh_births(
+def weigh_by_elevations(
     births: Births, state: State, scan: AnchorScan, ratios: LikelihoodRatios, radio: RadioModel,
     model: FilterModel,
 ) -> tuple[Births, LikelihoodRatios]:  # fmt: skip

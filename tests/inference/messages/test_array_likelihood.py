@@ -10,7 +10,7 @@ from gridslam.inference.messages.samples.array_likelihood import (
     one_more,
     superpose_arrays,
 )
-from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, find_paths, level_of
+from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, find_paths, peak_power
 from gridslam.inference.messages.samples.signal_likelihood import Band, superpose
 from gridslam.inference.messages.samples.state_mode import PathsPrior
 from gridslam.world.radio import aperture
@@ -109,7 +109,7 @@ def test_noise_passes_for_a_path_about_as_often_as_it_may():
         for n in range(60)
     ]
     assert 0.4 < np.mean(found) / FALSE_PEAKS < 1.6
-    assert level_of(band, 0.01) > level_of(band, 1.0) + 4
+    assert peak_power(band, 0.01) > peak_power(band, 1.0) + 4
 
 
 def test_a_new_path_is_found_where_it_is():

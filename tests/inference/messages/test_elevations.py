@@ -138,7 +138,7 @@ class Step:
     def __init__(self, scene, monkeypatch, system=GridSlam, seed=3, outliers=0.0):
         self.births, self.weights = [], []
         room = {GridSlam: grid, AdaptiveSlam: adaptive}[system]
-        for name, found in (("weigh_births", self.births), ("weigh_elevations", self.weights)):
+        for name, found in (("weigh_by_elevations", self.births), ("weigh_elevations", self.weights)):
             monkeypatch.setattr(room, name, self.noting(getattr(elevation_messages, name), found))
         measured = gs.simulate(scene, "agent1", seed=seed)
         slam, draw = system(scene, seed=1), np.random.default_rng(seed)
@@ -173,7 +173,7 @@ def test_births_weigh_as_means_over_distance_and_height_and_sums_stay_sums(monke
     near[:, 0] = 2.0  # of anchors 1.5 m above
     steep = np.tile([np.nan, 0.75, np.nan, 0.05], (len(scan), 1))
     close = replace(scan, value=near, elevation=steep)
-    after, _ = elevation_messages.weigh_births(births, state, close, ratios, radio, model)
+    after, _ = elevation_messages.weigh_by_elevations(births, state, close, ratios, radio, model)
     anchor, draw = model.places[births.anchor], np.random.default_rng(4)
     assert len(m)
     assert np.allclose(anchor[:, 3], 1.5, atol=0.2)

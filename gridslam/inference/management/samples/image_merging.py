@@ -33,7 +33,7 @@ def _closest(state: DirectState) -> tuple[int, int] | None:
     anchor, place = state.images.anchor, state.places
     gap = np.linalg.norm(place[:, None] - place[None], axis=-1)
     best, found = SAME, None
-    proposed = state.images.bounces < 0
+    proposed = state.images.proposed
     pairs = (gap < NEAR_M) & (anchor[:, None] == anchor) & ~(proposed[:, None] | proposed)
     for one, other in np.argwhere(np.triu(pairs, 1)).tolist():
         looking = _difference(state, one, other)

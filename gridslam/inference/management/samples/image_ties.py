@@ -108,7 +108,7 @@ def _returned(state: DirectState, anchor: int, model: FilterModel) -> DirectStat
     """Give an image that is away the path of a ring that surely stands in its place, for one ring (M545)."""
     images, tentative, rings = state.images, state.tentative, state.tentative.rings
     sure = np.flatnonzero((rings.anchor == anchor) & (rings.existence > SURE))
-    away = np.flatnonzero((images.anchor == anchor) & (images.bounces >= 0) & (images.visible < AWAY))
+    away = np.flatnonzero((images.anchor == anchor) & ~images.proposed & (images.visible < AWAY))
     if not len(sure) or not len(away):
         return state
     away = away[widest(state.place_covariances[away]) < said_m(model)]

@@ -119,7 +119,7 @@ def with_images_of(start: DirectState, later: DirectState) -> DirectState:
 def _known(state: DirectState) -> np.ndarray:
     """Rows of the images that are there, at a place that is known roughly."""
     images, spread = state.images, np.trace(state.place_covariances, axis1=1, axis2=2)
-    return np.flatnonzero((images.existence > EXISTS) & (spread < KNOWN_M**2) & (images.bounces >= 0))
+    return np.flatnonzero((images.existence > EXISTS) & (spread < KNOWN_M**2) & ~images.proposed)
 
 
 def _stepped(

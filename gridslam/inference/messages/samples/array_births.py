@@ -18,7 +18,7 @@ from gridslam.inference.messages.double_bounces import put_off_double_bounces
 from gridslam.inference.messages.faint_births import KNOWN
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand
 from gridslam.inference.messages.samples.array_paths import Snapshot, SnapshotLikelihood
-from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, NewPaths, level_of
+from gridslam.inference.messages.samples.array_search import FALSE_PEAKS, NewPaths, peak_power
 from gridslam.inference.scans.anchor_measurements import AnchorScan
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
@@ -67,7 +67,7 @@ def peaks_of(
     value, std = new.path.copy(), new.std.copy()
     if len(band.anchor) == 1:
         value[:, 1] = std[:, 1] = np.nan
-    radio = replace(radio, threshold=float(np.sqrt(level_of(band))), false_alarms=FALSE_PEAKS)
+    radio = replace(radio, threshold=float(np.sqrt(peak_power(band))), false_alarms=FALSE_PEAKS)
     x, y, orientation = model.anchors[anchor].tolist()
     peaks = AnchorScan.of(anchor, np.array([x, y]), orientation, value, std, new.amplitude, radio.threshold)
     return peaks, radio

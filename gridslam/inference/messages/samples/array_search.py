@@ -75,7 +75,7 @@ class FoundPaths:
     power: MatchedPower
 
 
-def level_of(band: ArrayBand, rate: float = FALSE_PEAKS) -> float:
+def peak_power(band: ArrayBand, rate: float = FALSE_PEAKS) -> float:
     """Squared amplitude that noise exceeds `rate` times per snapshot: the inverse of (M53)."""
     ranges = np.array([band.folding_m, 2 * np.pi, 2 * np.pi])
     cells = band.steepness * ranges
@@ -117,7 +117,7 @@ class _Peaks:
 
     def __init__(self, band: ArrayBand, samples: Complex, noise: float, power: Array) -> None:
         self.band, self.samples, self.noise, self.power = band, samples, noise, power
-        self.level = level_of(band)
+        self.level = peak_power(band)
         self.avoid = np.zeros((0, 3))
         self._latest: tuple[StateMode, Complex, MatchedPower] | None = None
 

@@ -90,7 +90,7 @@ def places_by_walls(
         No places within `APART_M` of these.
     """
     images, position, most = state.images, model.anchor_positions, said_m(model)
-    known = (images.existence > SURE) & (images.bounces >= 0) & (images.bounces < TWO_BOUNCES)
+    known = (images.existence > SURE) & ~images.proposed & (images.bounces < TWO_BOUNCES)
     rows = np.flatnonzero(known & (widest(state.place_covariances) < most))
     line = line_between(position[images.anchor], state.places)
     places = _single(state, rows[images.anchor[rows] != anchor], line, anchor, model, taken)

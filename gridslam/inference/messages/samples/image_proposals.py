@@ -46,7 +46,7 @@ def propose_images(
 ) -> DirectState:
     """Begin images where walls put them, of those whose path may be there now."""
     mode, anchor = found.mode, paths.anchor
-    known = (widest(state.place_covariances) < SPREAD_M) | (state.images.bounces != 0)
+    known = (widest(state.place_covariances) < SPREAD_M) | state.images.by_walls
     taken = state.places[known & (state.images.anchor == anchor)]
     places = places_by_walls(state, anchor, model, proven=True, taken=taken)
     if not len(places):
@@ -76,7 +76,7 @@ def propose_images(
 def confirm_proposals(state: DirectState) -> DirectState:
     """The state with proposed images that are believed in, and were heard for long, made images as others."""
     images = state.images
-    done = (images.bounces < 0) & (images.existence > CONFIRMED) & (images.heard > CONFIRMED_HEARD)
+    done = images.proposed & (images.existence > CONFIRMED) & (images.heard > CONFIRMED_HEARD)
     return replace(state, images=replace(images, bounces=np.where(done, -images.bounces, images.bounces)))
 
 
@@ -88,7 +88,7 @@ def judge_proposals(state: DirectState, paths: AnchorPaths, found: FoundDistance
     """
     images, rows, mode = state.images, paths.images, found.mode
     matched, own = found.apart
-    open_ones = np.flatnonzero((images.bounces[rows] != 0) & (images.existence[rows] < CONFIRMED))
+    open_ones = np.flatnonzero(images.by_walls[rows] & (images.existence[rows] < CONFIRMED))
     if not len(open_ones):
         return matched, own
     matched, own, untied = matched.copy(), own.copy(), _untied(state, paths, found)
@@ -107,7 +107,7 @@ def retire_substitutes(state: DirectState, paths: AnchorPaths, found: FoundDista
     cross stand beside each other for some steps, too, and both are there.
     """
     images, rows, joint = state.images, paths.images, paths.joint
-    sure = (images.bounces[rows] != 0) & (images.existence[rows] > CONFIRMED) & (images.visible[rows] > 0.5)
+    sure = images.by_walls[rows] & (images.existence[rows] > CONFIRMED) & (images.visible[rows] > 0.5)
     untied, known = _untied(state, paths, found), 1 + np.flatnonzero(sure)
     stands = untied & _beside(found, known)
     if not stands.any():
@@ -125,7 +125,7 @@ def _untied(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> Fl
     """Which of the mode's paths no common wall stands behind: rings, new paths, most images."""
     untied = np.ones(len(found.mode.distance), bool)
     untied[0] = False
-    untied[1 : paths.joint] = state.images.bounces[paths.images] == 0
+    untied[1 : paths.joint] = ~state.images.by_walls[paths.images]
     return untied
 
 

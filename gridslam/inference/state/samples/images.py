@@ -71,6 +71,16 @@ class Images:
     def __len__(self) -> int:
         return len(self.identity)
 
+    @property
+    def proposed(self) -> NDArray[np.bool_]:
+        """Which were proposed where other walls would mirror an anchor, and aren't confirmed yet, (S,)."""
+        return np.asarray(self.bounces < 0)
+
+    @property
+    def by_walls(self) -> NDArray[np.bool_]:
+        """Whose places follow from walls that other images show, proposed ones among them, (S,)."""
+        return np.asarray(self.bounces != 0)
+
     @classmethod
     def empty(cls) -> Images:
         """No images."""
