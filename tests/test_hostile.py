@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 from tables import table
 
-from gridslam.checks.diagnose import describe
+from gridslam.checks.verdicts.diagnose import describe
 from gridslam.errors import InputError
 from gridslam.importers import geojson
 from gridslam.importers.floorplans import plan_of

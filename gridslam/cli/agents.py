@@ -73,7 +73,7 @@ def agents_of(world: Scene, chosen: list[str] | None, files: Mapping[str | None,
 
 def simulation_note(world: Scene) -> str | None:
     """What to say before a simulation: in free space, as of recorded measurements, or of hidden anchors."""
-    from gridslam.checks.scene_lines import hidden_note
+    from gridslam.checks.scene.lines import hidden_note
 
     if world.walls:
         return hidden_note(world)

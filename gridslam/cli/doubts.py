@@ -78,8 +78,8 @@ def absurd_notes(runs: Sequence[Run], observations: Sequence[Observations]) -> l
     """What the numbers alone give away: deviations of angles in degrees let anything fit; dead antennas."""
     import numpy as np
 
-    from gridslam.checks.signal_elements import sample_faults
-    from gridslam.checks.unit_hypotheses import absurd
+    from gridslam.checks.signals.elements import sample_faults
+    from gridslam.checks.tables.unit_hypotheses import absurd
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
 
@@ -96,7 +96,7 @@ def absurd_notes(runs: Sequence[Run], observations: Sequence[Observations]) -> l
 
 def course_notes(runs: Sequence[Run]) -> list[str]:
     """Whose heading and direction of motion don't go together."""
-    from gridslam.checks.course import course_note
+    from gridslam.checks.sights.course import course_note
 
     notes = [(run.agent, course_note(run.estimates)) for run in runs]
     return [f"{agent}: {note}" for agent, note in notes if note is not None]
@@ -104,7 +104,7 @@ def course_notes(runs: Sequence[Run]) -> list[str]:
 
 def early_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
     """Whose paths arrive before lines of sight could, from where the run puts the agent."""
-    from gridslam.checks.early_arrivals import early_arrivals
+    from gridslam.checks.runs.early_arrivals import early_arrivals
     from gridslam.measurements.table import Measurements
 
     notes = []
@@ -123,7 +123,7 @@ def early_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
 
 def radio_notes(world: Scene) -> list[str]:
     """What of the scene's radio can hardly be meant."""
-    from gridslam.checks.scene_lines import implausible_radio
+    from gridslam.checks.scene.lines import implausible_radio
 
     return [f"suspect: {found}" for found in implausible_radio(world)]
 
@@ -215,7 +215,7 @@ def silence_notes(
     file: Path | None,
 ) -> list[str]:
     """Where nothing was heard for long; which anchors an earlier map says are in sight, and aren't heard."""
-    from gridslam.checks.silent_sights import silent_sights
+    from gridslam.checks.runs.silent_sights import silent_sights
     from gridslam.measurements.table import Measurements
     from gridslam.runs.notes import silence_note
 
@@ -239,7 +239,7 @@ def _range_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Obser
 
     Nothing where an agent moved as none can: names that are exchanged in mid-run look like a clock, too.
     """
-    from gridslam.checks.range_note import range_note
+    from gridslam.checks.runs.range_note import range_note
     from gridslam.inference.health.reasons import LEAPT
 
     with busy("looking at the distances"):
@@ -261,7 +261,7 @@ def _misfit_notes(
     """
     import numpy as np
 
-    from gridslam.checks.range_note import fits_scene, misfits, misread
+    from gridslam.checks.runs.range_note import fits_scene, misfits, misread
 
     asked = shlex.join(["gridslam", "check", str(file), "--scene", scene])
     doubted, notes = [], []
@@ -281,7 +281,7 @@ def _misfit_notes(
 
 def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
     """Where the errors of the table are those of another track."""
-    from gridslam.checks.truth_fit import truth_note
+    from gridslam.checks.runs.truth_fit import truth_note
 
     pairs = zip(runs, observations, strict=True)
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]

@@ -51,10 +51,10 @@ def check(
     Exit code 0: nothing is wrong with it; 1: something looks wrong (lines that begin with "suspect:"), or
     there is too little to tell ("unsure:"); 2: it can't be read.
     """
-    from gridslam.checks.diagnose import describe
-    from gridslam.checks.network_tables import describe_network, is_network, judged_by_angles
-    from gridslam.checks.signal_files import describe_signal
-    from gridslam.checks.verdict import UNSURE
+    from gridslam.checks.network.tables import describe_network, is_network, judged_by_angles
+    from gridslam.checks.signals.files import describe_signal
+    from gridslam.checks.verdicts.diagnose import describe
+    from gridslam.checks.verdicts.verdict import UNSURE
     from gridslam.measurements.recording import Recording
     from gridslam.measurements.table import Measurements
     from gridslam.runs.parts import refuse_unfinished, waiting_note
@@ -244,7 +244,7 @@ def _learns(map_file: Path) -> bool:
 
 
 def _describe(file: Path) -> str:
-    from gridslam.checks import other_files, own_tables
+    from gridslam.checks.files import other_files, own_tables
     from gridslam.maps.map import Map
 
     if file.is_dir():
@@ -282,7 +282,7 @@ def _describe(file: Path) -> str:
 
 
 def _scene_line(file: Path) -> str:
-    from gridslam.checks.scene_lines import scene_lines
+    from gridslam.checks.scene.lines import scene_lines
     from gridslam.world.scene import Scene
 
     return "\n".join(scene_lines(Scene.load(file)))
@@ -310,7 +310,7 @@ def _is_table(file: Path) -> bool:
     if file.is_dir() or file.suffix.lower() in OTHERS or _is_bundled(file):
         return False
     if file.suffix.lower() == ".csv":
-        from gridslam.checks.own_tables import is_own_table
+        from gridslam.checks.files.own_tables import is_own_table
 
         return not is_own_table(file)
     return file.suffix.lower() == ".mat" or _kind(file) == "gridslam-measurements"

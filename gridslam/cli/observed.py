@@ -70,7 +70,7 @@ def files_of(asked: Asked, takes: Kind) -> Mapping[str | None, Path]:
     InputError
         As `Asked.files`, or the table can't be read at all.
     """
-    from gridslam.checks.network_tables import is_network
+    from gridslam.checks.network.tables import is_network
 
     files, chosen = asked.files(takes), asked.agent or ()
     file = files.get(None)
@@ -186,7 +186,7 @@ def own_rows(
     InputError
         It holds none of that agent, or not all of them say of which anchor they are.
     """
-    from gridslam.checks.network_tables import is_network
+    from gridslam.checks.network.tables import is_network
     from gridslam.errors import located
     from gridslam.measurements.network import NetworkMeasurements
 
@@ -257,7 +257,7 @@ def simulation_hint(world: Scene, method: str, observations: Observations | None
 
 def strides_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
     """What to say where numbers of steps count something else."""
-    from gridslam.checks.time_units import strides_line
+    from gridslam.checks.columns.time_units import strides_line
     from gridslam.measurements.table import Measurements
 
     return strides_line(observations.step) if isinstance(observations, Measurements) else None
@@ -265,7 +265,7 @@ def strides_hint(world: Scene, method: str, observations: Observations | None) -
 
 def repeats_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
     """What to say where rows are written twice."""
-    from gridslam.checks.repeats import repeats_line
+    from gridslam.checks.tables.repeats import repeats_line
     from gridslam.measurements.table import Measurements
 
     return repeats_line(observations.columns) if isinstance(observations, Measurements) else None

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.checks import range_note
+from gridslam.checks.runs import range_note
 from gridslam.cli.doubts import absurd_notes, element_notes, fit_notes, start_notes
 from gridslam.estimates import Health
 from gridslam.inference.health import reasons

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 
 import gridslam as gs
-from gridslam.checks.diagnose import suspicions
-from gridslam.checks.line_of_sight_filter import STEPS
+from gridslam.checks.sights.line_of_sight_filter import STEPS
+from gridslam.checks.verdicts.diagnose import suspicions
 
 SCENES = {name: gs.Scene.load(name) for name in ("room", "alcove", "canyon", "hall", "seminar")}
 NAMES = ("step", "time_s", "anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 import gridslam as gs
-from gridslam.checks.diagnose import suspicions
+from gridslam.checks.verdicts.diagnose import suspicions
 from gridslam.world.geometry import wrap
 
 ANCHORS = {"north": (1.0, 4.5, 2.5, -60.0), "east": (6.5, 3.0, 1.0, 180.0), "south": (2.5, 0.4, 1.8, 90.0)}

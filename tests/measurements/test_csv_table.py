@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from tables import HEADER, ROW, measurements, same, table
 
-from gridslam.checks.network_tables import is_network
+from gridslam.checks.network.tables import is_network
 from gridslam.errors import InputError, Note
 from gridslam.measurements.csv_table import IN_DEGREES, KNOWN, read_csv
 from gridslam.measurements.table import Measurements

@@ -7,7 +7,7 @@ import pytest
 from scene_samples import replace_layers, shortened, tall
 
 import gridslam as gs
-from gridslam.checks.diagnose import describe
+from gridslam.checks.verdicts.diagnose import describe
 from gridslam.errors import InputError
 from gridslam.evaluation.bounds import unknown_map_bound
 from gridslam.importers.raytracers import TracedPaths, plane_table

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from run_samples import hall, some_measurements, some_run
 
-from gridslam.checks.other_files import run_line
+from gridslam.checks.files.other_files import run_line
 from gridslam.cli.run_end import Done, _table
 from gridslam.estimate_tables import SurfaceStretches
 from gridslam.runs.notes import (

@@ -7,7 +7,7 @@ import pytest
 from scene_samples import raised, shortened
 
 import gridslam as gs
-from gridslam.checks.diagnose import suspicions
+from gridslam.checks.verdicts.diagnose import suspicions
 from gridslam.evaluation.bounds import unknown_map_bound
 from gridslam.evaluation.consistency import nees
 from gridslam.runs.map_scene import check_anchors

@@ -1,0 +1,1 @@
+"""What may be wrong with anchors: distances, heights, names, turns and places."""

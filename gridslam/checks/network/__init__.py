@@ -1,0 +1,1 @@
+"""Tables of several agents: labels, clocks, and each agent's rows."""

@@ -1,0 +1,1 @@
+"""Which rows are lines of sight, and where they put the agent: followed by a filter, or each row alone."""

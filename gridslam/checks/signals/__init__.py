@@ -1,0 +1,1 @@
+"""Files of sampled signals: delays, directions and elements against known places."""

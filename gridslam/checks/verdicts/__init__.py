@@ -1,0 +1,1 @@
+"""All that may be wrong with a table, weighed against each other, and what is said of it."""
