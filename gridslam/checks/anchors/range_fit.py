@@ -21,8 +21,6 @@ from gridslam.world.scene import Scene
 DISTANCE_STD_M, ANGLE_STD_RAD = 0.05, 0.03
 OUTLIER = 5.0
 """Standard deviations beyond which a residual counts no further."""
-SURE = 0.7
-"""Probability from which on a row is taken for a line of sight."""
 ROUNDS, COARSE_M = 6, 0.5
 """Of Gauss-Newton; first steps in which sizes are tried."""
 DAMPING = 0.1
@@ -146,7 +144,7 @@ def steps_to_judge_by(columns: Mapping[str, NDArray], sight: Sight, scene: Scene
 
 def _sight_measurements(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> Array | None:
     """Distance, direction from the anchor in the world, AoA (N, J, 3), where several anchors tell."""
-    rows = sight.row[sight.probability > SURE]
+    rows = sight.row[sight.sure]
     if not len(rows) or "distance_m" not in columns:
         return None
     step, anchor = columns["step"][rows], columns["anchor"][rows]

@@ -22,8 +22,6 @@ from gridslam.world.scene import Scene
 
 LEAST_RAD = np.radians(8.0)
 """Smaller turns aren't told of: a filter finds them, and anchors are often mounted so roughly."""
-SURE = 0.7
-"""Probability from which on a row is taken for a line of sight."""
 LEAST_SEEN = 8
 """Lines of sight of an anchor by which its turn is told, at least."""
 NEAR_RAD = np.radians(12.0)
@@ -173,7 +171,7 @@ def _turn(table: Columns, sight: Sight, scene: Scene, anchor: int, first: int | 
 
     Where no other anchor is heard, the agent may drift around this one: the start is what is known best.
     """
-    rows = sight.row[sight.probability > SURE]
+    rows = sight.row[sight.sure]
     rows = rows[(table["anchor"][rows] == anchor) & np.isfinite(table["aod_rad"][rows])][:first]
     if len(rows) < LEAST_SEEN:
         return None
@@ -197,7 +195,7 @@ def _borne_out(sight: Sight, turns: tuple[Turn, ...], table: Columns, scene: Sce
     table : dict of (K,) arrays
         As they say that it should have been.
     """
-    rows = sight.row[sight.probability > SURE]
+    rows = sight.row[sight.sure]
     number = np.searchsorted(np.unique(table["step"][sight.row]), table["step"][rows])
     anchor = table["anchor"][rows]
     clear = in_view(scene.anchor_positions[anchor], sight.position_m[number], scene.segments())

@@ -21,8 +21,6 @@ WIDE_RAD, NARROWER = 0.3, 10.0
 """Median deviation of angles from which on degrees are asked for; times by which angles must scatter less."""
 MAD, FINER = 1.48, 5.0
 """Deviation over median absolute one; times as exact as the bandwidth allows that distances must be."""
-SURE = 0.7
-"""Probability from which on a row is taken for a line of sight."""
 
 
 def variances(table: Columns, scene: Scene) -> list[Suspicion]:
@@ -69,7 +67,7 @@ def degrees(table: Columns, scene: Scene, agent: str | None) -> tuple[list[Suspi
     order = np.argsort(table["step"], kind="stable")
     plain = {name: values[order] for name, values in table.items() if name not in names.values()}
     sight = explain(plain, scene, agent)
-    rows = sight.row[sight.probability > SURE]
+    rows = sight.row[sight.sure]
     number = np.searchsorted(np.unique(plain["step"][sight.row]), plain["step"][rows])
     away = sight.position_m[number] - scene.anchor_positions[plain["anchor"][rows]]
     found, cured = list[Suspicion](), dict(table)

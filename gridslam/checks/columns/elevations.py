@@ -32,7 +32,7 @@ READINGS: dict[str, tuple[str, Callable[[Array], Array]]] = {
 
 def suspicions(table: Columns, sight: Sight, scene: Scene, agent: str | None) -> list[Suspicion]:
     """What the lines of sight show of elevations, in a scene with heights."""
-    rows, found = sight.row[sight.probability > 0.7], list[Suspicion]()
+    rows, found = sight.row[sight.sure], list[Suspicion]()
     if not scene.has_heights or len(rows) < ENOUGH_ROWS or "distance_m" not in table:
         return found
     height = scene.heights(agent)[table["anchor"][rows]]

@@ -41,8 +41,8 @@ def loudness(amplitude: Array, sight: Sight, scene: Scene, placed: bool = True) 
         fainter and by another course: only where amplitudes begin tells how to read them, and in a scene
         with walls their level.
     """
-    rows = sight.row[sight.probability > 0.7]
-    near = sight.distance_m[sight.probability > 0.7]
+    rows = sight.row[sight.sure]
+    near = sight.distance_m[sight.sure]
     with np.errstate(invalid="ignore"):
         good = (amplitude[rows] > 0) & (near > 0)
     loud, near = amplitude[rows][good], near[good]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
-from gridslam.checks.columns.deviations import LEAST, MAD, SURE
+from gridslam.checks.columns.deviations import LEAST, MAD
 from gridslam.checks.sights.line_of_sight_filter import Sight
 from gridslam.checks.tables.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
@@ -99,7 +99,7 @@ def jumps(name: str, table: Columns, std: Array, sight: Sight, scene: Scene) -> 
     """
     if name == "aoa_rad":
         return []
-    rows = sight.row[(sight.probability > SURE) & (std[sight.row] > 0)]
+    rows = sight.row[sight.sure & (std[sight.row] > 0)]
     runs = in_a_row(table["step"][rows], table["anchor"][rows], len(BEND))
     if len(runs) < LEAST:
         return []

@@ -16,8 +16,6 @@ from gridslam.world.columns import Columns
 from gridslam.world.geometry import slant
 from gridslam.world.scene import Scene
 
-SURE = 0.7
-"""Probability from which on a row is taken for a line of sight."""
 FEWEST = 8
 """Lines of sight to an anchor that must be known for it to be judged."""
 FLAT = 0.03
@@ -98,7 +96,7 @@ def distinct(
     name : str
         The agent's.
     """
-    sure = sight.probability > SURE
+    sure = sight.sure
     found, anchor = rows[sight.row[sure]], table["anchor"][sight.row[sure]]
     aod = columns["aod_rad"][found] + scene.anchor_orientations[anchor]
     place = crossed(columns["step"][found], scene.anchor_positions[anchor], aod, sight.distance_m[sure])

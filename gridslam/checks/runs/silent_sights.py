@@ -20,7 +20,7 @@ from gridslam.world.filter_model import FilterModel
 
 LEAST_STEPS = 10
 """Steps in a row of those at which an anchor should be heard."""
-SURE, KNOWN_M = 0.9, 0.3
+DETECTED, KNOWN_M = 0.9, 0.3
 """Probability of detection at least; deviation of the position at most."""
 CLEAR_M, NEAR_M = 0.4, 0.5
 """So near to agent and anchor nothing is asked of cells; how far off a line of sight's length may be."""
@@ -67,7 +67,7 @@ def _is_open(one: Estimate, anchor: int, earlier: Map, model: FilterModel) -> bo
     way = model.anchor_positions[anchor] - one.position_m
     far = float(np.hypot(*way))
     amplitude = model.radio.amplitude(np.array([max(far, 1e-3)]))
-    if not far < model.radio.max_distance_m or model.radio.detection_probability(amplitude)[0] < SURE:
+    if not far < model.radio.max_distance_m or model.radio.detection_probability(amplitude)[0] < DETECTED:
         return False
     along = np.arange(CLEAR_M, max(far - CLEAR_M, CLEAR_M), 0.5 * earlier.cell_m)
     cell = np.floor((one.position_m + along[:, None] / far * way - earlier.origin_m) / earlier.cell_m)

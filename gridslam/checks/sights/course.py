@@ -31,8 +31,6 @@ STEADY, STILL, BENT = 0.95, 0.99, 0.9
 stays (8 degrees), and of courses that turn (a quarter of a turn, evenly)."""
 HEADING, VAGUE_RAD = 4, np.radians(20.0)
 """Place of the heading in an estimate's covariance, and its deviation from which on nothing tells it."""
-SURE = 0.7
-"""Probability from which on a row is taken for a line of sight."""
 
 
 class Course(NamedTuple):
@@ -65,7 +63,7 @@ class Course(NamedTuple):
     @classmethod
     def by_sight(cls, table: Columns, sight: Sight, scene: Scene) -> Course | None:
         """By the lines of sight of a table in the order of steps, as `check` follows them."""
-        rows = sight.row[sight.probability > SURE]
+        rows = sight.row[sight.sure]
         if "aoa_rad" not in table or not len(sight.row):
             return None
         rows = rows[np.isfinite(table["aoa_rad"][rows])]
@@ -126,7 +124,7 @@ def _known_heading(estimate: Estimate) -> float:
 def may_be_straight(sight: Sight) -> bool:
     """Whether a way bends by no more than places told by lines of sight waver so far from the anchors."""
     place, step = sight.position_m, np.arange(len(sight.position_m), dtype=np.float64)
-    far = sight.distance_m[sight.probability > SURE]
+    far = sight.distance_m[sight.sure]
     if len(step) < LEAST or not len(far):
         return False
     design = np.column_stack([np.ones(len(step)), step])

@@ -32,8 +32,8 @@ TIED = 10.0
 """Log likelihood ratio in nats, to places by chance, from which on two anchors are tied."""
 MOST_MISFIT = 2.0
 """Mean misfit of handovers that agree up to which they do: of right tables it is 0.1 to 0.6."""
-SURE, LEAST_PAIRS = 0.7, 5
-"""Probability from which on a row is taken for a line of sight; of two anchors as many tie them."""
+LEAST_NEAR = 5
+"""Lines of sight of an anchor with one of another near in time, below which it is heard alone."""
 LEAST_SIGHTS = 8
 """Lines of sight from which on something is said of an anchor."""
 FIRST, LEAST_FIRST = 8, 4
@@ -262,7 +262,7 @@ def heard_alone(table: Columns, sight: Sight, scene: Scene, agent: str | None) -
 
     For tables without angles of departure: no anchor alone tells of a place there.
     """
-    rows = sight.row[sight.probability > SURE]
+    rows = sight.row[sight.sure]
     step, anchor = table["step"][rows], table["anchor"][rows]
     found = []
     for number in range(len(scene.anchors)):
@@ -272,5 +272,5 @@ def heard_alone(table: Columns, sight: Sight, scene: Scene, agent: str | None) -
         if start_ties(scene, agent) and (own < table["step"][0] + FIRST).sum() >= LEAST_FIRST:
             continue
         near = np.abs(own[:, None] - others).min(1, initial=MOST_STEPS + 1) <= MOST_STEPS
-        found += [number] if near.sum() < LEAST_PAIRS else []
+        found += [number] if near.sum() < LEAST_NEAR else []
     return found

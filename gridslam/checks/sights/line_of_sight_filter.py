@@ -38,6 +38,8 @@ SHARP_RAD, SHARP_ONES = np.radians(45.0), 8
 """Standard deviation of a sharp turn within a step, and of how many particles one may take it."""
 LEAST_SEEN, LEAST_SEEN_THOROUGH = 0.3, 0.15
 """Share of the scans that walls must leave in sight for the others not to be judged."""
+SURE, LIKELY = 0.7, 0.5
+"""Probabilities above which a row is taken for a line of sight: surely, and rather than not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +80,16 @@ class Sight:
     size_m: float
     start: Array
     first: int | None = None
+
+    @property
+    def sure(self) -> NDArray[np.bool_]:
+        """Which of `row` (R,) are surely lines of sight: what is measured of an error goes by these."""
+        return self.probability > SURE
+
+    @property
+    def likely(self) -> NDArray[np.bool_]:
+        """Which of `row` (R,) are lines of sight rather than not: whom a row belongs to goes by these."""
+        return self.probability > LIKELY
 
     @property
     def judged(self) -> str:

@@ -18,8 +18,6 @@ from gridslam.checks.tables.unit_hypotheses import ADVICE, ANGLES, Suspicion
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
-SURE = 0.5
-"""Probability from which on a row is taken for a line of sight."""
 OTHERS, LATER = 0.25, 0.75
 """Share of scans in which a cure takes another row, and share of these in which that is the later one."""
 IN_VIEW = 0.2
@@ -41,7 +39,7 @@ def takes_reflections(table: Columns, plain: Sight, sight: Sight) -> bool:
     """
     if plain.explained < EXPLAINED:
         return False
-    before, after = (one.row[one.probability > SURE] for one in (plain, sight))
+    before, after = (one.row[one.likely] for one in (plain, sight))
     anchors = int(table["anchor"].max()) + 1
     scan = table["step"] * anchors + table["anchor"]
     before, after = before[np.isin(scan[before], scan[after])], after[np.isin(scan[after], scan[before])]
@@ -53,7 +51,7 @@ def takes_reflections(table: Columns, plain: Sight, sight: Sight) -> bool:
 
 def through_walls(table: Columns, sight: Sight, scene: Scene) -> bool:
     """Whether walls of the scene stand in nearly all lines of sight that were found."""
-    rows = sight.row[sight.probability > SURE]
+    rows = sight.row[sight.likely]
     number = np.searchsorted(np.unique(table["step"][sight.row]), table["step"][rows])
     clear = in_view(scene.anchor_positions[table["anchor"][rows]], sight.position_m[number], scene.segments())
     return len(rows) > 0 and float(clear.mean()) < IN_VIEW
@@ -85,7 +83,7 @@ def are_faint_and_hidden(
     seen = in_view(scene.anchor_positions[np.unique(table["anchor"])], start, scene.segments())
     if seen.any() and not (ties is not None and fits_start(ties.start, scene, agent)):
         return False
-    sure = (sight.probability > SURE) & (table["amplitude"][sight.row] > 0) & (sight.distance_m > 0)
-    expected = scene.signal_model().amplitude(sight.distance_m[sure])
-    level = 20 * np.log10(table["amplitude"][sight.row[sure]] / expected)
+    good = sight.likely & (table["amplitude"][sight.row] > 0) & (sight.distance_m > 0)
+    expected = scene.signal_model().amplitude(sight.distance_m[good])
+    level = 20 * np.log10(table["amplitude"][sight.row[good]] / expected)
     return len(level) >= ENOUGH and float(np.median(level)) <= FAINT_DB

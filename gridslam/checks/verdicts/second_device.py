@@ -18,8 +18,6 @@ from gridslam.checks.verdicts.reflections_instead import through_walls
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
-CLAIMED, SURE = 0.5, 0.7
-"""Probability from which on a row is the agent's own line of sight, and from which on it tells the level."""
 LEAST, INSIDE = 0.7, 0.9
 """Share of scans that must hold a line of sight of the second device, of the same of each of two anchors, and
 share of steps at which it must be in the scene's grid. Right tables have up to 0.67 and 0.37 of them."""
@@ -46,7 +44,7 @@ def second_device(table: Columns, scene: Scene, agent: str | None, sight: Sight)
     if len(np.unique(table["anchor"])) < 2 or sight.scans < FEWEST:
         return []
     left = np.ones(len(table["step"]), bool)
-    left[sight.row[sight.probability > CLAIMED]] = False
+    left[sight.row[sight.likely]] = False
     rest: Columns = {name: values[left] for name, values in table.items()}
     for begun, other in _others(rest, scene, agent):
         if (
@@ -99,7 +97,7 @@ def _inside(position: Array, scene: Scene) -> float:
 
 def _level_db(table: Columns, sight: Sight) -> float:
     """How loud lines of sight are at 1 m; 0 where nothing tells."""
-    sure = sight.probability > SURE
+    sure = sight.sure
     if "amplitude" not in table or not sure.any():
         return 0.0
     loud = table["amplitude"][sight.row[sure]] * sight.distance_m[sure]

@@ -44,11 +44,11 @@ def test_right_amplitudes_of_a_louder_or_fainter_radio_are_no_decibels(heard, si
 def test_amplitudes_that_scatter_are_no_decibels(sight):
     """Of faint paths the logarithm scatters more than decibels would: only loud ones are judged so."""
     draw = np.random.default_rng(1)
-    near = sight.distance_m[sight.probability > 0.7]
+    near = sight.distance_m[sight.sure]
     amplitude = np.full(sight.row.max() + 1, np.nan)
     for level in (3, 5, 8, 12, 16, 20, 30):
         faded = level * np.median(near) / near * 10 ** (draw.normal(0, 5, len(near)) / 20)
-        amplitude[sight.row[sight.probability > 0.7]] = faded
+        amplitude[sight.row[sight.sure]] = faded
         assert "dB" not in [kind for kind, _ in named(amplitude, sight)], level
 
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_sights import made_sight
 
 from gridslam.checks.sights.course import course_note, may_be_straight
 
@@ -61,9 +62,9 @@ def test_little_tells_nothing():
 def test_a_straight_way_that_wavers_far_from_anchors_may_be_straight():
     """Right corridors were told that their arrivals are of the world, for their ways seemed to turn."""
     straight = np.stack([np.linspace(0, 5, 100), 0.3 * np.sin(np.linspace(0, 6, 100))], 1)
-    far = SimpleNamespace(position_m=straight, distance_m=np.full(80, 12.0), probability=np.ones(80))
+    far = made_sight(range(80), position_m=straight, distance_m=np.full(80, 12.0))
     assert may_be_straight(far)
-    near = SimpleNamespace(position_m=straight, distance_m=np.full(80, 2.0), probability=np.ones(80))
+    near = made_sight(range(80), position_m=straight, distance_m=np.full(80, 2.0))
     assert not may_be_straight(near)
-    loop = SimpleNamespace(position_m=LOOP, distance_m=np.full(80, 12.0), probability=np.ones(80))
+    loop = made_sight(range(80), position_m=LOOP, distance_m=np.full(80, 12.0))
     assert not may_be_straight(loop)

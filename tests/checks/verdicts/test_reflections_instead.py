@@ -1,9 +1,8 @@
 """Right tables from between walls that stand close together aren't accused."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from made_sights import made_sight
 
 import gridslam as gs
 from gridslam.checks.tables.unit_hypotheses import Suspicion
@@ -45,26 +44,24 @@ step_m = 0.05
 """
 
 
-def sight(row, explained=1.0):
-    return SimpleNamespace(row=np.array(row), probability=np.ones(len(row)), explained=explained)
-
-
 def test_a_cure_whose_rows_come_behind_those_that_fit_takes_reflections():
     step = np.repeat(np.arange(8), 2)
     table = {"step": step, "anchor": 0 * step, "distance_m": np.tile([3.0, 4.0], 8)}
     first, second = np.arange(0, 16, 2), np.arange(1, 16, 2)
-    assert takes_reflections(table, sight(first), sight(second))
-    assert not takes_reflections(table, sight(first, 0.5), sight(second)), "lost as it stands"
-    assert not takes_reflections(table, sight(second), sight(first)), "the cure's come first"
-    assert not takes_reflections(table, sight(first), sight(first))
-    assert not takes_reflections(table, sight(first), sight([*first[:7], 15])), "hardly any other"
+    assert takes_reflections(table, made_sight(first), made_sight(second))
+    assert not takes_reflections(table, made_sight(first, explained=0.5), made_sight(second)), (
+        "lost as it stands"
+    )
+    assert not takes_reflections(table, made_sight(second), made_sight(first)), "the cure's come first"
+    assert not takes_reflections(table, made_sight(first), made_sight(first))
+    assert not takes_reflections(table, made_sight(first), made_sight([*first[:7], 15])), "hardly any other"
 
 
 def test_lines_of_sight_through_walls_are_none(tmp_path):
     (tmp_path / "corridor.toml").write_text(CORRIDOR)
     scene, step = Scene.load(tmp_path / "corridor.toml"), np.arange(4)
     table = {"step": step, "anchor": 0 * step}
-    outside = SimpleNamespace(row=step, probability=np.ones(4), position_m=np.array([[3.0, 2.0]] * 4))
+    outside = made_sight(step, position_m=np.array([[3.0, 2.0]] * 4))
     assert through_walls(table, outside, scene)
     outside.position_m[0] = [3.0, 1.0]
     assert not through_walls(table, outside, scene)
@@ -84,9 +81,7 @@ def test_units_by_which_reflections_of_a_hidden_anchor_fit_are_no_suspicion():
     """Three of 42 right tables of drawn plans were called feet, nanoseconds and the way there and back."""
     hall = gs.Scene.load("hall")  # at the start B is hidden
     model, far = hall.signal_model(), np.linspace(8.0, 12.0, 12)
-    rows = {"row": np.arange(12), "probability": np.ones(12), "distance_m": far}
-    shares = np.array([np.nan, 1.0])
-    cure = SimpleNamespace(**rows, shares=shares)
+    cure = made_sight(range(12), distance_m=far, shares=np.array([np.nan, 1.0]))
     found = [Suspicion("distance_m", "feet", "feet", True, "")]
 
     def told(db, anchor=1, found=found):
