@@ -95,7 +95,9 @@ def test_suspicions_of_which_one_is_meant_say_so(late):
     table, sight = late
     names = Suspicion("anchor", "names", "names exchanged", True, "100%")
     start = Suspicion("start", "start", "start_m doesn't fit", False, "100%")
-    found, _, _ = against_scene._with_start([names], table, sight, table, (start, sight))
+    case = against_scene.Case(table, ROOM, "agent1", sight)
+    account = against_scene.Account.of([names], table, sight)
+    found = against_scene._with_start(case, account, (start, sight)).found
     assert [str(item) for item in found] == [
         "anchor: probably names exchanged (100%)",
         "start: probably this or what stands above of anchor, not both: start_m doesn't fit (100%)",
