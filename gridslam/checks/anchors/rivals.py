@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, permutations
 
 import numpy as np
@@ -22,9 +22,9 @@ from gridslam.checks.anchors.turned_anchors import (
 from gridslam.checks.scene.allowed_for import error_allowed
 from gridslam.checks.scene.range_errors import LEAST_HEIGHT_M, LEAST_RISE_M, RangeError
 from gridslam.checks.scene.range_words import error_words
-from gridslam.checks.sights.fit import FITTING, least_share, settled
-from gridslam.checks.sights.line_of_sight_filter import CROWD, Sight, explain, turning_rad
-from gridslam.checks.tables.unit_hypotheses import ANGLES, Suspicion, finite, told_after
+from gridslam.checks.sights.fit import least_share, settled
+from gridslam.checks.sights.line_of_sight_filter import CROWD, Sight, explain
+from gridslam.checks.tables.unit_hypotheses import ANGLES, Suspicion, finite
 from gridslam.world.columns import Columns
 from gridslam.world.scene import Scene
 
@@ -236,85 +236,6 @@ def _named_beside(best: RangeFit, alike: list[RangeFit]) -> bool:
         and same[0].anchors == same[1].anchors
         and abs(alike[0].size_m) >= same[1].least_m
     )
-
-
-def offset_beside(
-    found: list[Suspicion], table: Columns, read: Columns, scene: Scene, agent: str | None, sight: Sight
-) -> list[Suspicion]:
-    """Suspicions of angles or units, with an offset of all distances beside them if it explains as much.
-
-    Where one anchor at a time is in sight, another reading of a column and an offset can't be told apart: the
-    one that explains more comes first, and neither is certain.
-
-    Parameters
-    ----------
-    table, read : dict of (K,) arrays
-        As it stands, and with the columns read as the suspicions say.
-    sight : Sight
-        What is explained then.
-    """
-    kinds = {item.kind for item in found}
-    if (
-        not found
-        or kinds & {"offset", "slant", "rise", "plan", "names", "turned", "start", "agent", "second device"}
-        or not both_measured(table)
-    ):
-        return found
-    error = RangeError("offset", tuple(range(len(scene.anchors))))
-    rival = explain(table, scene, agent, error=error)
-    if ("aoa_rad", "world frame") in {(item.column, item.kind) for item in found}:
-        # who goes straight ahead along x measures in the world, too: the offset bends the way
-        ahead = explain(table, scene, agent, True, error)
-        bends = min(turning_rad(one.position_m) for one in (rival, ahead))
-        if ahead.evidence > rival.evidence and bends < STRAIGHT_RAD:
-            rival = ahead
-    # where nobody knows how much can be explained, a rival must explain as much as what it is named beside
-    least = FITTING if scene.walls else max(least_share(scene), ALIKE * sight.explained)
-    if rival.explained < least or rival.evidence < sight.evidence - MOST_BEHIND:
-        return found
-    if abs(rival.size_m) < error.least_m:
-        return found
-    free = explain(read, scene, agent, error=error)  # to be fair: what an offset gains on the reading, too
-    freed = free.evidence if free.explained >= least_share(scene) else -np.inf
-    gain = rival.evidence - max(sight.evidence, freed)
-    if gain < -MOST_BEHIND:
-        return found
-    more = "more than" if gain > CLEAR else "as much as" if gain > -CLEAR else "less than"
-    reason = (
-        f"line of sight in {rival.explained:.0%} of {rival.judged}: {more} what else is suspected "
-        f"(log likelihood ratio {gain:.0f}); one anchor at a time can't tell them apart"
-    )
-    own = Suspicion("distance_m", "offset", error_words(error, rival.size_m, scene, agent), False, reason)
-    others = [replace(item, certain=False) for item in found]
-    if gain > CERTAIN:  # another reading of the distances is worse by far
-        others = [item for item in others if item.column != "distance_m"]
-    first, then = ([own], others) if gain > CLEAR else (others, [own])
-    return [*first, *(told_after(item, first) for item in then)]
-
-
-def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
-    """An offset of all distances where one anchor is in sight, if it explains clearly more of a table.
-
-    Least squares need several anchors at once; the way that the agent goes from its start tells, too.
-    """
-    error = RangeError("offset", tuple(range(len(scene.anchors))))
-    if explain(table, scene, agent, error=error).evidence < sight.evidence + CERTAIN:
-        return None
-    moved, still = (explain(table, scene, agent, error=one, crowd=FAIR_CROWD) for one in (error, None))
-    gain = moved.evidence - still.evidence
-    if moved.explained < least_share(scene) or gain < CERTAIN or abs(moved.size_m) < error.least_m:
-        return None
-    if error_allowed(error, moved.size_m, scene, agent):
-        return None
-    reason = (
-        f"line of sight in {moved.explained:.0%} of {moved.judged}, {sight.explained:.0%} as it stands; "
-        f"log likelihood ratio {gain:.0f}; one anchor in sight can't tell it from another start"
-    )
-    suspicion = Suspicion(
-        "distance_m", "offset", error_words(error, moved.size_m, scene, agent), False, reason
-    )
-    cured = table | {"distance_m": table["distance_m"] - moved.size_m}
-    return Cure(suspicion, cured, explain(cured, scene, agent))
 
 
 def both_measured(table: Columns) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gridslam.checks.anchors.misplaced import with_places
+from gridslam.checks.anchors.offsets import offset_alone, offset_beside
 from gridslam.checks.anchors.rivals import (
     ALIKE,
     CERTAIN,
@@ -15,8 +16,6 @@ from gridslam.checks.anchors.rivals import (
     Cure,
     both_measured,
     fitting_cure,
-    offset_alone,
-    offset_beside,
     whole_cure,
 )
 from gridslam.checks.columns import elevations, time_units

@@ -8,6 +8,7 @@ import pytest
 from check_tables import BRIEF, SCENES, simulated_columns
 
 from gridslam.checks.anchors import rivals
+from gridslam.checks.anchors.offsets import offset_beside
 from gridslam.checks.sights.line_of_sight_filter import explain
 from gridslam.checks.tables.unit_hypotheses import Suspicion
 from gridslam.checks.verdicts import against_scene
@@ -104,7 +105,7 @@ def test_suspicions_of_which_one_is_meant_say_so(late):
     ]
     flipped = Suspicion("aoa_rad", "flipped", "counted clockwise", False, "100%")
     plain = explain(table, ROOM, "agent1")
-    first, second = rivals.offset_beside([flipped], table, table, ROOM, "agent1", plain)
+    first, second = offset_beside([flipped], table, table, ROOM, "agent1", plain)
     assert (first.column, second.column) == ("aoa_rad", "distance_m")
     assert (first.rivals, second.rivals) == ((), ("aoa_rad",))
 
