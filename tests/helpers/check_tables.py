@@ -33,3 +33,9 @@ def simulated_columns(name, seed, agent="agent1", steps=None):
 
 def named(columns, name):
     return suspicions(columns, SCENES[name].anchor_names, SCENES[name], "agent1")
+
+
+def suspected_of(table, scene, agent="agent1"):
+    """What `check` suspects of measurements, as sentences."""
+    columns = {name: np.asarray(values) for name, values in table.columns.items()}
+    return [str(item) for item in suspicions(columns, table.anchors, scene, agent)]

@@ -3,6 +3,7 @@
 import numpy as np
 
 import gridslam as gs
+from gridslam.checks.signals.files import describe_signal
 
 C = 299_792_458.0
 STEP_HZ = 1e7
@@ -42,3 +43,8 @@ def recording(samples=None, **changes):
     """A recording of one anchor "A"."""
     given = {"carrier_hz": 6e9, "frequency_hz": FREQUENCIES, "anchors": ["A"], **changes}
     return gs.Recording.from_arrays(samples_of([5.0], 3) if samples is None else samples, **given)
+
+
+def suspects(path, *arguments):
+    """What `check` suspects of a file of sampled signals."""
+    return [line for line in describe_signal(path, *arguments) if line.startswith("suspect: ")]

@@ -1,5 +1,7 @@
 """Small measurement tables for tests."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import strategies as st
 
@@ -52,3 +54,9 @@ def measurements(draw):
         column[name] = draw(st.lists(maybe, min_size=count, max_size=count))
     anchor = draw(st.lists(st.integers(0, len(anchors) - 1), min_size=count, max_size=count))
     return Measurements(anchors=anchors, step=step, time_s=5 + pace * step, anchor=anchor, **column)
+
+
+def late(measurements, metres, anchor=None):
+    """Measurements of all anchors or one, so many metres too long."""
+    rows = np.ones(len(measurements.anchor), bool) if anchor is None else measurements.anchor == anchor
+    return replace(measurements, distance_m=np.abs(measurements.distance_m + metres * rows))

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from check_tables import suspected_of
 
 import gridslam as gs
 from gridslam.checks.anchors import changes
 from gridslam.checks.anchors.changes import change
 from gridslam.checks.runs.range_note import range_note
 from gridslam.checks.sights.crossed import Crossed
-from gridslam.checks.verdicts.diagnose import suspicions
 
 PILLARS = gs.Scene.load("pillars")
 FIRST = 90
@@ -22,12 +22,6 @@ def heard():
     return gs.simulate(PILLARS, "agent1", 61)
 
 
-def named(table):
-    """What `check` suspects."""
-    columns = {name: np.asarray(values) for name, values in table.columns.items()}
-    return [str(item) for item in suspicions(columns, table.anchors, PILLARS, "agent1")]
-
-
 def jumps(table, metres):
     own = (table.anchor == 1) & (table.step >= FIRST)
     return replace(table, distance_m=np.abs(table.distance_m + metres * own))
@@ -36,7 +30,7 @@ def jumps(table, metres):
 @pytest.mark.slow
 @pytest.mark.parametrize("metres", [2.0, -1.5])
 def test_a_clock_that_jumps_is_named_with_its_step_and_size(heard, metres):
-    (line,) = named(jumps(heard, metres))
+    (line,) = suspected_of(jumps(heard, metres), PILLARS)
     way = "long" if metres > 0 else "short"
     found = re.search(rf"anchor B are ([\d.]+) m .* too {way} from about step (\d+) on", line)
     assert found, line
@@ -68,7 +62,9 @@ def test_a_run_is_told_of_it_too(heard):
 
 @pytest.mark.slow
 def test_a_clock_that_drifts_is_named_with_how_fast(heard):
-    (line,) = named(replace(heard, distance_m=heard.distance_m + 0.01 * heard.step * (heard.anchor == 1)))
+    (line,) = suspected_of(
+        replace(heard, distance_m=heard.distance_m + 0.01 * heard.step * (heard.anchor == 1)), PILLARS
+    )
     found = re.search(r"anchor B grow by ([\d.]+) cm a step", line)
     assert found, line
     assert float(found[1]) == pytest.approx(1.0, abs=0.1)
@@ -77,7 +73,9 @@ def test_a_clock_that_drifts_is_named_with_how_fast(heard):
 
 @pytest.mark.slow
 def test_anchors_that_are_exchanged_from_a_step_on_are_named(heard):
-    (line,) = named(replace(heard, anchor=np.where(heard.step >= FIRST, 1 - heard.anchor, heard.anchor)))
+    (line,) = suspected_of(
+        replace(heard, anchor=np.where(heard.step >= FIRST, 1 - heard.anchor, heard.anchor)), PILLARS
+    )
     found = re.search(r"exchanged from about step (\d+) on: A is the scene's B, B is the scene's A", line)
     assert found, line
     assert int(found[1]) == pytest.approx(FIRST, abs=15)

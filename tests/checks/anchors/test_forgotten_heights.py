@@ -5,25 +5,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from check_tables import suspected_of
 from lab_samples import heard, lab, suspected
 
 import gridslam as gs
-from gridslam.checks.verdicts.diagnose import suspicions
 
 CANYON = gs.Scene.load("canyon")
 HEIGHTS_M = np.array([3.2, 2.0, 1.2])
 
 
-def named(table, scene=CANYON):
-    """What `check` suspects."""
-    columns = {name: np.asarray(values) for name, values in table.columns.items()}
-    return [str(item) for item in suspicions(columns, table.anchors, scene, "agent1")]
-
-
 @pytest.mark.slow
 def test_the_height_of_each_anchor_is_named():
     heard = gs.simulate(CANYON, "agent1", 63)
-    (line,) = named(replace(heard, distance_m=np.hypot(heard.distance_m, HEIGHTS_M[heard.anchor])))
+    (line,) = suspected_of(
+        replace(heard, distance_m=np.hypot(heard.distance_m, HEIGHTS_M[heard.anchor])), CANYON
+    )
     found = dict(re.findall(r"([ABC]) ([\d.]+)", re.search(r"by about \((.*?)\)", line)[1]))
     assert "the scene has no heights" in line
     assert "clocks" not in line
@@ -36,10 +32,10 @@ def test_a_height_of_all_anchors_is_named_beside_what_explains_as_much(seed):
     """0.8 m in a room: offsets and places of anchors fit within some nats of it."""
     room = gs.Scene.load("room")
     heard = gs.simulate(room, "agent1", seed)
-    (line,) = named(replace(heard, distance_m=np.hypot(heard.distance_m, 0.8)), room)
+    (line,) = suspected_of(replace(heard, distance_m=np.hypot(heard.distance_m, 0.8)), room)
     assert "probably slant ranges of all anchors" in line
     assert float(re.search(r"about ([\d.]+) m above", line)[1]) == pytest.approx(0.8, abs=0.1)
-    assert named(heard, room) == []
+    assert suspected_of(heard, room) == []
 
 
 @pytest.mark.slow
@@ -84,7 +80,7 @@ def test_amplitudes_that_go_by_slant_ranges_arent_doubted_beside_the_heights():
     table = gs.simulate(room, "agent1", 31)
     long = np.hypot(table.distance_m, 2.4)
     heights = replace(table, distance_m=long, amplitude=table.amplitude * table.distance_m / long)
-    assert not [line for line in named(heights, room) if line.startswith("amplitude")]
+    assert not [line for line in suspected_of(heights, room) if line.startswith("amplitude")]
 
 
 @pytest.mark.slow

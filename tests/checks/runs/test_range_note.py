@@ -6,18 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scene_samples import shortened
+from tables import late
 
 import gridslam as gs
 from gridslam.checks.runs.range_note import fits_scene, range_note
 from gridslam.checks.verdicts.diagnose import describe, suspicions
 
 ROOM = shortened(gs.Scene.load("room"), 60)
-
-
-def late(measurements, metres, anchor=None):
-    """Measurements of all anchors or one, so many metres too long."""
-    rows = np.ones(len(measurements.anchor), bool) if anchor is None else measurements.anchor == anchor
-    return replace(measurements, distance_m=np.abs(measurements.distance_m + metres * rows))
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from signal_samples import FREQUENCIES, C
+from signal_samples import FREQUENCIES, C, suspects
 
 import gridslam as gs
 from gridslam.checks.signals.files import describe_signal
@@ -34,10 +34,6 @@ def recorded(path, late_m=0.0, rise_m=0.0, hidden=2, late_one_m=0.0):
         samples, 6e9, FREQUENCIES, ["A", "B", "C", "D"], truth=truth, anchor_position_m=PLACES
     ).to_h5(path)
     return path
-
-
-def suspects(path, *arguments):
-    return [line for line in describe_signal(path, *arguments) if line.startswith("suspect: ")]
 
 
 @pytest.mark.parametrize("metres", [1.5, -1.5, 3.0])

@@ -5,7 +5,7 @@ import re
 import h5py
 import numpy as np
 import pytest
-from signal_samples import C, sampled_scene
+from signal_samples import C, sampled_scene, suspects
 
 import gridslam as gs
 from gridslam.checks.signals.directions import _wrapped_degrees
@@ -45,10 +45,6 @@ def written(path, scene, truth=True, **changes):
     }  # fmt: skip
     write_signal(path, content | {name: change(content[name]) for name, change in changes.items()})
     return path
-
-
-def suspects(path, *arguments):
-    return [line for line in describe_signal(path, *arguments) if line.startswith("suspect: ")]
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scene_samples import raised
+from tables import late
 
 import gridslam as gs
 from gridslam.inference.health import reasons
@@ -16,12 +17,6 @@ from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.deviations import own_deviations
 
 ROOM = gs.Scene.load("room")
-
-
-def late(measurements, metres, anchor=None):
-    """Measurements of all anchors or one, so many metres too long."""
-    rows = np.ones(len(measurements.anchor), bool) if anchor is None else measurements.anchor == anchor
-    return replace(measurements, distance_m=np.abs(measurements.distance_m + metres * rows))
 
 
 def watched(scene, measurements):
