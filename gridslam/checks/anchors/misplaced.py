@@ -9,8 +9,9 @@ from gridslam.checks.anchors.handover_rivals import handover_rival
 from gridslam.checks.scene.range_words import offset_cure
 from gridslam.checks.sights.crossed import Crossed
 from gridslam.checks.tables.unit_hypotheses import Suspicion
-from gridslam.inference.health.range_fits import beyond_doubt, errors_of, named_together, undecided
+from gridslam.inference.health.range_fits import Fit, beyond_doubt, errors_of, named_together, undecided
 from gridslam.world.columns import VALUES, Columns
+from gridslam.world.filter_model import FilterModel
 from gridslam.world.scene import Scene
 
 RIVALS = {"offset", "slant", "rise", "start", "turned"}
@@ -38,29 +39,21 @@ def with_places(
         The same as the suspicions say that it should have been.
     """
     kinds = {item.kind for item in found}
-    if not table.keys() >= set(VALUES):
-        return found
-    if not scene.agents or scene.clocks is not None or kinds - RIVALS:
+    if not scene.agents or scene.clocks is not None or kinds - RIVALS or not table.keys() >= set(VALUES):
         return found  # units come first, and clocks that nobody set stand for any distance
     model, walls = scene.filter_model(agent), scene.segments()
     seen = Crossed.of(table, model, walls)
-    if seen is None:
-        return found
     told = bool(kinds & CURED) or not found  # or what the scene allows for
-    if told and cured is not None and cured is not table and seen.is_behind(Crossed.of(cured, model, walls)):
+    better = cured if told and cured is not table else None
+    if seen is None or (better is not None and seen.is_behind(Crossed.of(better, model, walls))):
         return found
     changed = change(seen, table, model, walls)
     if changed is not None:
         return [changed]
-    fits = beyond_doubt(seen.fits, seen.numbers)
-    if not fits and not found:
-        fits = undecided(seen.fits, seen.numbers)
-    text = named_together(fits, model) if not found or any(fit.thing.is_shift for fit in fits) else ""
+    fits, text = _explaining(seen, model, found)
     if not text:
         return found
     plain, best = (fit.misfit / seen.numbers for fit in (seen.fits[0], fits[0]))
-    if best - 1 > LEFT * (plain - 1):  # something else is wrong
-        return found
     rival = None if found or fits[0].thing.is_shift else handover_rival(table, scene, agent)
     if rival is not None and rival.kind in OTHERWISE:  # an offset explains part of what that does
         return [rival]
@@ -75,3 +68,18 @@ def with_places(
     if kind == "offset" and len(fits) == 1:
         text = f"{text}, {offset_cure(fits[0].size[0], fits[0].thing.alike, scene)}"
     return [Suspicion("distance_m", kind, text, len(fits) == 1, reason), *others]
+
+
+def _explaining(seen: Crossed, model: FilterModel, found: list[Suspicion]) -> tuple[tuple[Fit, ...], str]:
+    """Fits of what may be wrong with anchors, and their words; none if they leave most of the misfit.
+
+    Beside what has been found only other places are of interest, and only those beyond doubt.
+    """
+    fits = beyond_doubt(seen.fits, seen.numbers)
+    if not fits and not found:
+        fits = undecided(seen.fits, seen.numbers)
+    text = named_together(fits, model) if not found or any(fit.thing.is_shift for fit in fits) else ""
+    if not text:
+        return (), ""
+    plain, best = (fit.misfit / seen.numbers for fit in (seen.fits[0], fits[0]))
+    return ((), "") if best - 1 > LEFT * (plain - 1) else (fits, text)  # then something else is wrong

@@ -64,9 +64,18 @@ class Way:
     sight: Sight
 
     @property
+    def kinds(self) -> set[tuple[str, str]]:
+        """Columns that are read otherwise, each with how."""
+        return {(one.column, one.kind) for one in self.read}
+
+    @property
     def in_world(self) -> bool:
         """Whether arrivals are taken as directions in the world, of which the table knows nothing."""
-        return any((one.column, one.kind) in IN_WORLD for one in self.read)
+        return bool(self.kinds & IN_WORLD)
+
+    def outdoes(self, best: Way, least: float, margin: float = CLEAR) -> bool:
+        """Whether it explains more by a margin in nats than the best so far, or than `least` if none is."""
+        return self.sight.evidence > (best.sight.evidence + margin if best.read else least)
 
     def suspicions(self, table: Columns, scene: Scene, agent: str | None) -> list[Suspicion]:
         """What is wrong with a table as it stands; nothing if the cured one doesn't fit either."""
@@ -118,23 +127,20 @@ def likeliest_way(table: Columns, scene: Scene, agent: str | None, plain: Sight)
     fair = [way for way in alone if way.sight.evidence > least and way.sight.explained >= least_share(scene)]
     best = _with_rivals(fair, scene) if fair else asis
     together = _one_by_one(table, scene, agent)
-    needed = best.sight.evidence + CLEAR if fair else least
     if not scene.walls and one_in_sight(together.sight):
         return best  # about one anchor, with nobody knowing when it is hidden, two errors explain anything
-    if len(together.read) > 1 and together.sight.evidence > needed:
+    if len(together.read) > 1 and together.outdoes(best, least):
         best = together
     bearings = _bearings(table, scene, agent)
     if bearings is not None and bearings.sight.explained >= least_share(scene):
         # about an anchor that faces north, departures that are counted clockwise are the same
-        like = {(one.column, one.kind) for one in best.read} == CLOCKWISE_AND_NORTH
-        needed = best.sight.evidence + (-CERTAIN if like else CLEAR) if best.read else least
-        best = bearings if bearings.sight.evidence > needed else best
+        margin = -CERTAIN if best.kinds == CLOCKWISE_AND_NORTH else CLEAR
+        best = bearings if bearings.outdoes(best, least, margin) else best
     mirrored = _mirrored(table, scene, agent)
-    needed = best.sight.evidence + CLEAR if best.read else least
     if mirrored is None or mirrored.sight.explained < least_share(scene):
         return best
-    both = {(one.column, one.kind) for one in best.read} == {(name, "flipped") for name in ANGLES}
-    return mirrored if both or mirrored.sight.evidence > needed else best
+    both = best.kinds == {(name, "flipped") for name in ANGLES}
+    return mirrored if both or mirrored.outdoes(best, least) else best
 
 
 def _far_better(table: Columns, scene: Scene, agent: str | None, plain: Sight) -> Way | None:
