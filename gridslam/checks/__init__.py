@@ -17,4 +17,8 @@ folder        what its files tell
 `runs`        what is said after a run
 `files`       files that runs, exports and studies leave
 ============  =======================================================================================
+
+Where a function takes a `table` or `columns`, they are a dict of arrays (K,), one entry a row: names and
+units as of `gridslam.world.columns`, NaN where nothing was measured, `anchor` a place in the scene's anchors.
+Most want rows in the order of steps, and say so.
 """

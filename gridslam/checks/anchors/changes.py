@@ -169,7 +169,13 @@ def _drifts(seen: Crossed) -> list[_Change]:
 
 
 def _scaled(gaps: Gaps, entry: int, times: float) -> Gaps:
-    """The same about a `times` smaller error."""
+    """Gaps about an error that is `times` as large as the size that is looked for: that of a drift grows.
+
+    Parameters
+    ----------
+    entry : int
+        Place of the error in `Gaps.vector`.
+    """
     scale = np.ones(len(gaps.vector))
     scale[entry] = times
     return gaps._replace(information=gaps.information * scale[:, None] * scale, vector=gaps.vector * scale)

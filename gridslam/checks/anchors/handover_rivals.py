@@ -128,6 +128,13 @@ def explanations(table: Columns, scene: Scene, agent: str | None, ties: Ties) ->
 
     None that leaves a told start which fits: a scene that looks the same from its other end, with a wall too
     few, would be turned by that.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    ties : Ties
+        Of the table as it stands.
     """
     plain = evidence(ties.handovers, ties.start, scene, agent)
     found = []

@@ -33,6 +33,7 @@ def with_places(
 
     Parameters
     ----------
+    found : list of Suspicion
     table : dict of (K,) arrays
         Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
     cured : dict of (K,) arrays, optional

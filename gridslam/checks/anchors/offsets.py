@@ -108,6 +108,13 @@ def offset_alone(table: Columns, scene: Scene, agent: str | None, sight: Sight) 
     """An offset of all distances where one anchor is in sight, if it explains clearly more of a table.
 
     Least squares need several anchors at once; the way that the agent goes from its start tells, too.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        What is explained as it stands.
     """
     error = _of_all(scene)
     if explain(table, scene, agent, error=error).evidence < sight.evidence + CERTAIN:

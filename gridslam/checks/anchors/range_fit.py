@@ -104,7 +104,14 @@ def without_twins(found: list[RangeFit]) -> list[RangeFit]:
 
 
 def fit_heights(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> tuple[Array, RangeFit] | None:
-    """Fit a height of its own to each anchor, one after the other; None as `fits` is empty.
+    """Fit a height of its own to each anchor, one after the other; None where no several anchors tell.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    sight : Sight
+        Which of the rows are lines of sight.
 
     Returns
     -------
@@ -137,7 +144,15 @@ def _best_size(sights: Array, places: Array, error: RangeError) -> tuple[float, 
 
 
 def steps_to_judge_by(columns: Mapping[str, NDArray], sight: Sight, scene: Scene) -> int:
-    """At how many steps several anchors tell of the agent's pose."""
+    """At how many steps several anchors tell of the agent's pose.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    sight : Sight
+        Which of the rows are lines of sight.
+    """
     sights = _sight_measurements(columns, sight, scene)
     return 0 if sights is None else len(sights)
 

@@ -42,7 +42,7 @@ FAIR_CROWD = 16
 MOST_MISFIT = 4.0
 """Misfit per degree of freedom above which even the best error in the distances explains nothing."""
 MOST_MISFIT_HEIGHT = 6.0
-"""The same of a height of all anchors that others explain as much as: it's told as one of several causes."""
+"""Such a misfit of a height of all anchors, beside which others explain as much: one of several causes."""
 STRAIGHT_RAD = np.radians(30)
 """Change of course below which a way is straight."""
 MOST_PERMUTED = 4
@@ -123,7 +123,15 @@ def whole_cure(table: Columns, scene: Scene, agent: str | None, sofar: Sight, pl
 
 
 def fitting_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
-    """The cure of a table whose lines of sight fit, though they could better: by distances or turns."""
+    """The cure of a table whose lines of sight fit, though they could better: by distances or turns.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        What is explained as it stands.
+    """
     return range_cure(table, scene, agent, sight) or turn_cure(table, scene, agent, sight, 0.0)
 
 
@@ -132,6 +140,8 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
 
     Parameters
     ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
     plain : Sight
         What is explained as the table stands.
     needed : float
@@ -169,6 +179,13 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     """The error in the distances that the lines of sight found so far ask for, if one does clearly.
 
     Lines of sight may fit in spite of it: the agent is then thought to be elsewhere.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        The lines of sight that were found, whatever their distances.
     """
     if not both_measured(table):
         return None
@@ -239,7 +256,13 @@ def _named_beside(best: RangeFit, alike: list[RangeFit]) -> bool:
 
 
 def both_measured(table: Columns) -> bool:
-    """Whether there are distances, and angles to tell their errors from another place of the agent."""
+    """Whether there are distances, and angles to tell their errors from another place of the agent.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    """
     return bool(len(finite(table, "distance_m"))) and _angles(table)
 
 

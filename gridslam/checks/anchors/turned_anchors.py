@@ -94,7 +94,15 @@ def turned_tables(
 def turned_sights(
     table: Columns, scene: Scene, agent: str | None
 ) -> Iterator[tuple[Sight, tuple[Turn, ...], Columns]]:
-    """The same with what is explained then, where lines of sight of those anchors bear it out."""
+    """Ways in which anchors may stand, as of `turned_tables`, that their lines of sight bear out.
+
+    Each with what is explained of the table as it should have been, and that table.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    """
     for turns, read in turned_tables(table, scene, agent):
         sight = explain(read, scene, agent)
         if _borne_out(sight, turns, read, scene):
@@ -102,7 +110,13 @@ def turned_sights(
 
 
 def cured(table: Columns, turns: tuple[Turn, ...]) -> Columns:
-    """The table as anchors that stand as the scene says would have measured it."""
+    """The table as anchors that stand as the scene says would have measured it.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        With `anchor` and `aod_rad`.
+    """
     angle = table["aod_rad"].copy()
     for one in turns:
         own = table["anchor"] == one.anchor

@@ -31,7 +31,15 @@ READINGS: dict[str, tuple[str, Callable[[Array], Array]]] = {
 
 
 def suspicions(table: Columns, sight: Sight, scene: Scene, agent: str | None) -> list[Suspicion]:
-    """What the lines of sight show of elevations, in a scene with heights."""
+    """What the lines of sight show of elevations, in a scene with heights.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        Its lines of sight.
+    """
     rows, found = sight.row[sight.sure], list[Suspicion]()
     if not scene.has_heights or len(rows) < ENOUGH_ROWS or "distance_m" not in table:
         return found
@@ -62,7 +70,13 @@ def _miss(values: Array, true: Array) -> float:
 
 
 def remarks(columns: Columns, scene: Scene | None, agent: str | None) -> list[str]:
-    """Elevations of which no filter makes anything, and why."""
+    """Elevations of which no filter makes anything, and why.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     notes = list[str]()
     if scene is None:
         measured = " and ".join(name for name in ELEVATIONS if len(finite(columns, name)))

@@ -57,6 +57,11 @@ def expected_std(name: str, table: Columns, scene: Scene) -> Array | None:
     """Deviation (K,) of each value, its own or by the radio at its amplitude; NaN where neither is known.
 
     None for a column without any.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
     """
     if (own := table.get(std_name(name))) is None:
         own = np.full(len(table["step"]), np.nan)
@@ -73,7 +78,15 @@ def expected_std(name: str, table: Columns, scene: Scene) -> Array | None:
 
 
 def raster(name: str, table: Columns, std: Array) -> list[Suspicion]:
-    """Values that are multiples of a step that is wider than what the radio resolves."""
+    """Values that are multiples of a step that is wider than what the radio resolves.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    std : (K,) array
+        Deviation of each value, see `expected_std`.
+    """
     values, usual = table[name][std > 0], float(np.quantile(std[std > 0], LOUD))
     gaps = np.diff(np.unique(values))
     gaps = gaps[gaps > ALIKE * usual]
@@ -96,6 +109,15 @@ def jumps(name: str, table: Columns, std: Array, sight: Sight, scene: Scene) -> 
     """Lines of sight whose values jump from step to step by more than noise and motion make of them.
 
     Arrivals turn with the agent, so that little can be said of them.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    std : (K,) array
+        Deviation of each value, see `expected_std`.
+    sight : Sight
+        Its lines of sight.
     """
     if name == "aoa_rad":
         return []
@@ -123,7 +145,13 @@ def jumps(name: str, table: Columns, std: Array, sight: Sight, scene: Scene) -> 
 
 
 def in_a_row(step: NDArray[np.intp], anchor: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    """Rows (N, count) of one anchor at so many successive steps."""
+    """Rows (N, count) of one anchor at so many successive steps.
+
+    Parameters
+    ----------
+    step, anchor : (M,) int
+        Of the rows.
+    """
     order = np.lexsort((step, anchor))
     windows = np.lib.stride_tricks.sliding_window_view(order, count) if len(order) >= count else None
     if windows is None:
@@ -133,7 +161,13 @@ def in_a_row(step: NDArray[np.intp], anchor: NDArray[np.intp], count: int) -> ND
 
 
 def seconds(table: Columns) -> float:
-    """Seconds from step to step; 1 if the table has no times."""
+    """Seconds from step to step; 1 if the table has no times.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    """
     if "time_s" not in table or not np.isfinite(table["time_s"]).all():
         return 1.0
     step, first = np.unique(table["step"], return_index=True)

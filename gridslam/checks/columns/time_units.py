@@ -33,7 +33,13 @@ LEGS, FEW = 8, 3
 
 
 def span(columns: Columns) -> str:
-    """From when to when a table is; of times since 1970, say, how long it is and when it begins."""
+    """From when to when a table is; of times since 1970, say, how long it is and when it begins.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     first, last = columns["time_s"].min(), columns["time_s"].max()
     if not LARGE_S <= abs(first) < np.inf:
         return f"{first:g} to {last:g} s"
@@ -41,7 +47,13 @@ def span(columns: Columns) -> str:
 
 
 def intervals(columns: Columns) -> list[str]:
-    """The median interval between steps, as a line; nothing of a single step."""
+    """The median interval between steps, as a line; nothing of a single step.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     gap = _interval_s(columns)
     lines = [f"  time_s: median interval between steps {gap:.4g} s"] if gap > 0 else []
     before, after, longest = _longest_pause(columns)
@@ -70,7 +82,13 @@ def strides_line(step: NDArray[np.integer]) -> str | None:
 
 
 def absurd_times(columns: Columns) -> list[Suspicion]:
-    """Times since 1970 that can't be seconds."""
+    """Times since 1970 that can't be seconds.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     latest = _latest_s(columns)
     for least, unit, factor in UNITS:
         if latest > least:
@@ -79,7 +97,13 @@ def absurd_times(columns: Columns) -> list[Suspicion]:
 
 
 def set_clocks(columns: Columns) -> list[Suspicion]:
-    """A clock that counted from when it was switched on, and was set on the way."""
+    """A clock that counted from when it was switched on, and was set on the way.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     before, after, longest = _longest_pause(columns)
     if longest < SET_S:
         return []
@@ -94,6 +118,10 @@ def slow_times(
 
     Parameters
     ----------
+    columns : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        Its lines of sight.
     ties : Ties, optional
         Where anchors put it by themselves, in a longer table: nobody may be in sight at first.
     step_m : float
@@ -117,7 +145,15 @@ def slow_times(
 
 
 def fast_times(columns: Columns, sight: Sight) -> list[Suspicion]:
-    """Times that would make the agent race, by the way that lines of sight put it on."""
+    """Times that would make the agent race, by the way that lines of sight put it on.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        Its lines of sight.
+    """
     gap = _interval_s(columns)
     if gap <= 0 or len(sight.position_m) < FEW * (LEGS + 1):
         return []

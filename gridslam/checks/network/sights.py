@@ -143,6 +143,11 @@ def crossed(step: NDArray[np.intp], place: Array, direction: Array, distance: Ar
 
 
 def middle_of(values: Array) -> tuple[float, float]:
-    """Median and deviation, of values among which some are anything."""
+    """Median and deviation, of values among which some are anything.
+
+    Parameters
+    ----------
+    values : (N,) array
+    """
     middle = float(np.median(values))
     return middle, 1.48 * float(np.median(np.abs(values - middle)))

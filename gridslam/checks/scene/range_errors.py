@@ -67,7 +67,14 @@ class RangeError:
     def spoilt(self, level: Array, size: Array, anchor: int, height: float) -> Array:
         """What is measured (N,) in m for true horizontal distances (N,).
 
-        `height` is that of the anchor above the agent by the scene; a slant range has `size` in its place.
+        Parameters
+        ----------
+        level : (N,) m
+        size : (N,) m
+            Of the error; it broadcasts.
+        anchor : int
+        height : float
+            Above the agent by the scene, m; a slant range has `size` in its place.
         """
         if anchor not in self.anchors:
             return slant(level, height)
@@ -78,7 +85,17 @@ class RangeError:
         return slant(level, size) if self.kind == "slant" else slant(level, height) + size
 
     def cured(self, distance: Array, size: float, height: Array) -> Array:
-        """What would have been measured without it."""
+        """What would have been measured without it, (K,) m.
+
+        Parameters
+        ----------
+        distance : (K,) m
+            As measured.
+        size : float
+            Of the error, m.
+        height : (K,) m
+            Of each row's anchor above the agent by the scene.
+        """
         if self.kind == "plan":
             return slant(distance, height)
         if self.kind in ("slant", "rise"):

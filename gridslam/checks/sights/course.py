@@ -23,7 +23,7 @@ LEG_M, BLUNT_LEG_M, LEAST = 0.5, 1.0, 20
 WAVERS_RAD = 0.05
 """By how much of the way to the anchors a straight way seems to bend, as angles tell it."""
 LEG_DEVIATIONS = 10.0
-"""The same in deviations of the positions: a vague track isn't taken for a way that turns."""
+"""By how many deviations of the positions it does: a vague track isn't taken for a way that turns."""
 ASIDE, BACKWARDS = np.radians(30.0), np.radians(150.0)
 """Mean angle between heading and course from which on the agent goes sideways, and backwards."""
 STEADY, STILL, BENT = 0.95, 0.99, 0.9
@@ -62,7 +62,15 @@ class Course(NamedTuple):
 
     @classmethod
     def by_sight(cls, table: Columns, sight: Sight, scene: Scene) -> Course | None:
-        """By the lines of sight of a table in the order of steps, as `check` follows them."""
+        """By lines of sight as `check` follows them; None where too few tell.
+
+        Parameters
+        ----------
+        table : dict of (K,) arrays
+            Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+        sight : Sight
+            Its lines of sight.
+        """
         rows = sight.row[sight.sure]
         if "aoa_rad" not in table or not len(sight.row):
             return None

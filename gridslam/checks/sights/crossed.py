@@ -62,6 +62,8 @@ class Crossed:
 
         Parameters
         ----------
+        table : dict of (K,) arrays
+            Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
         walls : Segments
             The scene's: what they hide is no line of sight. Among many anchors some path over a wall always
             agrees with another one's heading.

@@ -204,6 +204,11 @@ class Ties:
         """Of a table in the order of steps; None if no anchor alone tells where the agent is.
 
         Nor does it where nobody set the clocks, which lengths are off by.
+
+        Parameters
+        ----------
+        table : dict of (K,) arrays
+            Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
         """
         if scene.clocks is not None:
             return None
@@ -234,7 +239,13 @@ class Ties:
 
 
 def first_steps(table: Columns) -> Columns:
-    """A table in the order of steps, cut where nobody looks any more."""
+    """A table in the order of steps, cut where nobody looks any more.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    """
     near = table["step"] < table["step"][0] + LONGEST
     return {name: values[near] for name, values in table.items()}
 
@@ -261,6 +272,13 @@ def heard_alone(table: Columns, sight: Sight, scene: Scene, agent: str | None) -
     """Anchors of whose lines of sight, as a filter found them, hardly any is near one of another anchor.
 
     For tables without angles of departure: no anchor alone tells of a place there.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        Its lines of sight.
     """
     rows = sight.row[sight.sure]
     step, anchor = table["step"][rows], table["anchor"][rows]

@@ -29,7 +29,8 @@ STEPS = 100
 DETECTED = 0.9
 """Share of the scans in which a line of sight is expected."""
 DETECTED_BEHIND = 0.3
-"""The same where the scene's walls hide the anchor from the middle of the particles, bluntly."""
+"""Share of those in which one is expected where the scene's walls hide the anchor from the middle of the
+particles, bluntly."""
 LASTING = 0.9
 """Correlation of a particle's velocity from step to step, where it keeps any."""
 CROWD = 4

@@ -52,7 +52,13 @@ class Stand:
         return replace(self, orientation=self.orientation + turn_rad * self._is(anchor))
 
     def moved(self, anchor: int, shift_m: Array) -> Stand:
-        """With an anchor elsewhere."""
+        """With an anchor elsewhere.
+
+        Parameters
+        ----------
+        anchor : int
+        shift_m : (2,) m
+        """
         return replace(self, position=self.position + shift_m * self._is(anchor)[:, None])
 
     def renamed(self, order: tuple[int, ...]) -> Stand:
@@ -96,6 +102,10 @@ def poses(table: Columns, scene: Scene, stand: Stand, kept: NDArray[np.intp]) ->
 
     Parameters
     ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    stand : Stand
+        How anchors stand.
     kept : (R,) int
         Rows that may be lines of sight, see `continued`.
     """
@@ -118,7 +128,15 @@ def poses(table: Columns, scene: Scene, stand: Stand, kept: NDArray[np.intp]) ->
 
 
 def continued(table: Columns, scene: Scene, agent: str | None, stand: Stand) -> NDArray[np.intp]:
-    """Rows (R,) whose own places others of the same anchor continue, however it stands; none without AoD."""
+    """Rows (R,) whose own places others of the same anchor continue, however it stands; none without AoD.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    stand : Stand
+        How anchors stand: of it, heights alone count.
+    """
     if not {"distance_m", "aod_rad"} <= table.keys():
         return np.zeros(0, np.intp)
     level = _level(table, stand)

@@ -41,7 +41,14 @@ class Scans:
 
     @classmethod
     def of(cls, columns: Mapping[str, NDArray], steps: int) -> Scans:
-        """Those of so many steps of a table, from its first."""
+        """Those of so many steps of a table, from its first.
+
+        Parameters
+        ----------
+        columns : dict of (K,) arrays
+            Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+        steps : int
+        """
         step, anchor = np.asarray(columns["step"], np.intp), np.asarray(columns["anchor"], np.intp)
         begin = int(step[0]) if len(step) else 0
         rows = np.flatnonzero(step < begin + steps)
@@ -52,14 +59,24 @@ class Scans:
 
     @property
     def by_scan(self) -> NDArray[np.int32]:
-        """As `Sights.scan`."""
+        """Scans as the kernel takes them, (Q + 1, 2): `gridslam.kernels.primitives.sights.Sights.scan`."""
         first = np.concatenate([[0], np.cumsum(self.count)])
         return np.column_stack([np.append(self.anchor, 0), first]).astype(np.int32)
 
     def by_step(
         self, count: int, many: int, sized: bool, draw: np.random.Generator
     ) -> tuple[NDArray[np.int32], Array]:
-        """As `Sights.step` and `Sights.draw`, for `count` particles, fewer after `many` steps."""
+        """Steps and random numbers as the kernel takes them: `Sights.step` (S + 1, 4) and `Sights.draw`.
+
+        Parameters
+        ----------
+        count : int
+            Particles at first.
+        many : int
+            Steps after which there are as few as usual.
+        sized : bool
+            Whether the size of an error is looked for, too.
+        """
         first = np.flatnonzero(np.diff(self.step, prepend=-1))
         after = np.maximum(np.diff(self.step[first], prepend=self.begin), 1)
         number = np.arange(len(first) + 1)
@@ -88,7 +105,15 @@ def _drawn(counts: tuple[int, ...], sized: bool, state: int, inc: int) -> tuple[
 
 
 def particles_at(position: Array, heading: Array, pace: Array) -> Array:
-    """Particles (P, 10) that begin there, as `gridslam.kernels.primitives.sights` has them."""
+    """Particles (P, 10) that begin there, as `gridslam.kernels.primitives.sights` has them.
+
+    Parameters
+    ----------
+    position : (P, 2) m
+    heading : (P,) rad
+    pace : (P,) m
+        Deviation of a step.
+    """
     some = np.zeros((len(position), column.PARTICLE))
     some[:, column.PLACE : column.HEADING] = some[:, column.BEGUN : column.BEGUN + 2] = position
     some[:, column.HEADING] = some[:, column.BEGUN + 2] = heading
@@ -97,7 +122,13 @@ def particles_at(position: Array, heading: Array, pace: Array) -> Array:
 
 
 def particles_of(scene: Scene, agent: str | None, draw: np.random.Generator, times: int) -> Array:
-    """Particles about the agent's start, `times` as many as usual; anywhere in the grid without an agent."""
+    """Particles (P, 10) about the agent's start, or anywhere in the grid without an agent.
+
+    Parameters
+    ----------
+    times : int
+        Times as many as usual, of an agent.
+    """
     if agent is None:
         low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
         count = 10 * PARTICLES

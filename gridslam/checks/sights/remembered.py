@@ -18,7 +18,7 @@ LATEST = 64
 
 
 def remembered(function: Callable[P, R]) -> Callable[P, R]:
-    """The same function, which works out an answer once while it is among the latest.
+    """Let a function work out an answer once while it is among the latest.
 
     What it answers depends on its arguments alone: arrays, mappings of arrays, and values that never change,
     dataclasses among them; of other classes only the same object counts as the same.

@@ -41,7 +41,13 @@ class Delays:
 
     @classmethod
     def of(cls, samples: Array, waveform: Waveform, places: Places) -> Delays:
-        """Those of a file's samples (K, J, A, B, M)."""
+        """Delays of a file's snapshots, those at known places.
+
+        Parameters
+        ----------
+        samples : (K, J, A, B, M) complex
+            Of all steps and anchors.
+        """
         own = samples[places.step, places.anchor].astype(np.complex128)
         profile = delay_profile(own, waveform)
         return cls(own, profile / profile.max(-1, keepdims=True), waveform.folding_m)
@@ -58,7 +64,14 @@ class Delays:
         return float(np.median(offset[strong] if strong.any() else offset))
 
     def peaks(self, places: Places, half: float, shift: float | Array) -> tuple[Array, Array]:
-        """Offsets (N,) in m of the highest peaks within `half` of a shift, and their heights."""
+        """Offsets (N,) in m of the highest peaks within `half` of a shift, and their heights.
+
+        Parameters
+        ----------
+        half : float
+            How far from the shift peaks are looked for, m.
+        shift : float or (N,) m
+        """
         count = self.profile.shape[1]
         reach = int(np.ceil(half * count / self.folding_m))
         about = np.rint((places.distance_m + shift) * count / self.folding_m).astype(int)
@@ -72,7 +85,14 @@ class Delays:
         return max(SHARP * self.folding_m * FINE / self.profile.shape[1], places.slack_m)
 
     def sharp(self, places: Places, half: float, shift: float | Array, loose: bool) -> NDArray[np.bool_]:
-        """Which snapshots (N,) have their strongest peak sharply at a shift, or, `loose`, all beside it."""
+        """Which snapshots (N,) have their strongest peak sharply at a shift, or, `loose`, all beside it.
+
+        Parameters
+        ----------
+        half : float
+            How far from the shift peaks are looked for, m.
+        shift : float or (N,) m
+        """
         offset, height = self.peaks(places, half, shift)
         strong, apart = height > STRONG, offset - shift
         about = np.median(apart[strong]) if loose and strong.any() else 0.0

@@ -90,7 +90,14 @@ def noise_share(samples: Complex, matched: Complex, waveform: Waveform) -> float
 def share_of(
     matched: Complex, elements: Elements, heading: Array, places: Places, waveform: Waveform
 ) -> float:
-    """Mean share of the power at the line of sight that its directions explain, with headings (N,) rad."""
+    """Mean share of the power at the line of sight that its directions explain.
+
+    Parameters
+    ----------
+    matched : (N, A, B) complex
+        At the delay of the line of sight.
+    heading : (N,) rad
+    """
     length, total = waveform.wavelength_m, 0.0
     for row, y in enumerate(matched):
         leaving = steering(elements.anchor[places.anchor[row]], places.aod_rad[row], length)

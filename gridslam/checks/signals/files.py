@@ -32,7 +32,8 @@ from gridslam.world.waveform import Waveform
 THERE, BETTER = 0.5, 0.25
 """Share of the peak that a reading must have at the line of sight; how much more than as it stands."""
 OFFSET_THERE = 0.8
-"""The same of an offset of all delays: where the line of sight is hidden, a later path is the strongest."""
+"""Such a share with an offset of all delays: where the line of sight is hidden, a later path is the
+strongest."""
 PLANAR = (
     "and methods on sampled signals (direct, hybrid) refuse such scenes: gridslam extract makes paths of the "
     "samples, for grid and adaptive"

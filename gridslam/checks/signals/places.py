@@ -116,7 +116,13 @@ def _rises(scene: Scene, agent: str | None) -> Array:
 def exchanged(
     raw: dict[str, Any], usable: NDArray[np.bool_], scene: Scene | None, agent: str | None
 ) -> dict[str, Places]:
-    """The places with two anchors exchanged, by what that says."""
+    """The places with two anchors exchanged, by what that says.
+
+    Parameters
+    ----------
+    usable : (K, J) bool
+        Which snapshots hold anything, as of `places_of`.
+    """
     names, found = tuple(raw["anchors"]), dict[str, Places]()
     for one, other in combinations(range(len(names)), 2):
         order = list(range(len(names)))

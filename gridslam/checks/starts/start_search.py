@@ -69,6 +69,11 @@ def proposed_starts(table: Columns, scene: Scene, agent: str | None) -> Array:
     """Poses (P, 3) in m, m, rad from which a row of the first steps is a line of sight.
 
     None where distances or all angles are missing. A missing angle may be any.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
     """
     step = table["step"]
     steps = np.unique(step)[:FIRST]
@@ -189,7 +194,14 @@ def one_in_sight(sight: Sight) -> bool:
 
 
 def start_words(start: Array, there: bool, heading_deg: float) -> str:
-    """What is said of a start (m, m, rad) from which a table fits; `there` if its place is the told one."""
+    """What is said of a start from which a table fits.
+
+    Parameters
+    ----------
+    start : (3,) m, m, rad
+    there : bool
+        Whether its place is the told one.
+    """
     facing = f"{round(float(np.degrees(start[2])))} degrees"
     if there:
         told = f"start_heading_deg of {heading_deg:g} doesn't fit"

@@ -66,15 +66,22 @@ def padding(columns: Columns, written: dict[str, str] | None = None) -> tuple[li
 
 
 def held_columns(held: dict[float, dict[str, NDArray[np.bool_]]]) -> set[str]:
-    """Columns that hold any filler."""
+    """Columns that hold any filler.
+
+    Parameters
+    ----------
+    held : dict of dict of (K,) bool
+        By filler and column, the rows that hold it.
+    """
     return {name for rows in held.values() for name in rows}
 
 
 def fillers(values: Array, positive: bool = False) -> list[float]:
-    """Numbers (K,) of a column that stand for nothing, the commonest first.
+    """Numbers of a column that stand for nothing, the commonest first.
 
     Parameters
     ----------
+    values : (K,) array
     positive : bool
         Whether what is measured is above 0: then a usual filler below needn't be common.
     """

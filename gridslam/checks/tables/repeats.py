@@ -12,7 +12,7 @@ from gridslam.world.columns import VALUES
 LEAST_ROWS, LEAST_SHARE = 3, 0.01
 """Rows, and share of them, that must be repeats for anything to be said."""
 LEAST_SHARE_OF_ONE = 0.2
-"""The same share where most rows hold one number alone: rounded, it repeats by chance."""
+"""Share of the rows that must be repeats where most hold one number alone: rounded, it repeats by chance."""
 
 
 def repeats_line(columns: Mapping[str, NDArray], agent: NDArray | None = None) -> str | None:

@@ -100,7 +100,13 @@ ANGLE_DEVIATIONS = ("aod_std_rad", "aoa_std_rad", "aod_elevation_std_rad", "aoa_
 
 
 def absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:
-    """What no value of a column can be, and the table read the other way."""
+    """What no value of a column can be, and the table read the other way.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     found, table = [], dict(columns)
     for name in ANGLES:
         values = finite(columns, name)
@@ -129,7 +135,13 @@ def absurd(columns: Columns) -> tuple[list[Suspicion], Columns]:
 
 
 def beyond_radio(columns: Columns, scene: Scene) -> list[Suspicion]:
-    """Whether most distances are longer than the scene's radio measures any."""
+    """Whether most distances are longer than the scene's radio measures any.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     values, most = finite(columns, "distance_m"), longest_m(scene)
     if not len(values) or not np.median(values) > most:
         return []
@@ -139,7 +151,13 @@ def beyond_radio(columns: Columns, scene: Scene) -> list[Suspicion]:
 
 
 def readings(name: str, scene: Scene, table: Columns) -> dict[str, Reading]:
-    """Other ways in which a column could have been meant."""
+    """Other ways in which a column could have been meant: by kind, what makes (K,) of values and anchors.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`.
+    """
     if name == "distance_m":
         factors = {"seconds": SPEED_OF_LIGHT, "nanoseconds": SPEED_OF_LIGHT * 1e-9}
         factors |= {"millimetres": 1e-3, "centimetres": 1e-2, "feet": FOOT_M, "round trip": 0.5}
@@ -169,6 +187,12 @@ def _times(factor: float, values: Array, _: NDArray) -> Array:
 
 
 def finite(columns: Columns, name: str) -> Array:
-    """Values of a column that are there and finite; none if the column is missing."""
+    """Values (N,) of a column that are there and finite; none if the column is missing.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    """
     values = columns.get(name, np.zeros(0))
     return values[np.isfinite(values)]

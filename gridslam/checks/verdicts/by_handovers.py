@@ -33,7 +33,14 @@ def refuted(found: list[Suspicion], table: Columns, scene: Scene, agent: str | N
 
 
 def named(found: list[Suspicion], table: Columns, scene: Scene, agent: str | None) -> list[Suspicion]:
-    """Suspicions, with what makes handovers or the told start fit before them, if none says why not."""
+    """Suspicions, with what makes handovers or the told start fit before them, if none says why not.
+
+    Parameters
+    ----------
+    found : list of Suspicion
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    """
     if any(item.column in WHERE for item in found):
         return found
     one = handover_rival(table, scene, agent) or other_start_told(table, scene, agent)

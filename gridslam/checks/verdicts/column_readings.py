@@ -78,7 +78,13 @@ class Way:
         return self.sight.evidence > (best.sight.evidence + margin if best.read else least)
 
     def suspicions(self, table: Columns, scene: Scene, agent: str | None) -> list[Suspicion]:
-        """What is wrong with a table as it stands; nothing if the cured one doesn't fit either."""
+        """What is wrong with a table as it stands; nothing if the cured one doesn't fit either.
+
+        Parameters
+        ----------
+        table : dict of (K,) arrays
+            As it stands.
+        """
         if not self.read:
             return []
         before = settled(table, scene, agent)

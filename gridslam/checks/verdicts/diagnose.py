@@ -134,7 +134,15 @@ def offset_allowed_m(scene: Scene, agent: str | None) -> float:
 
 
 def summary(columns: Columns, names: tuple[str, ...]) -> list[str]:
-    """What the columns hold, in their units."""
+    """What the columns hold, in their units.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    names : tuple of str
+        Of its anchors.
+    """
     step, count = columns["step"], len(columns["step"])
     if not count:
         return [f"measurements: no paths, anchors {', '.join(names)}"]
@@ -177,6 +185,13 @@ def suspicions(
 
     `in_degrees` holds what columns of angles are called in a file where they are degrees; `numbers` says
     whether anchors may be numbered instead of named.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of a table of measurements, as its file has them.
+    names : tuple of str
+        Of its anchors, of which its column `anchor` holds the places.
 
     Raises
     ------

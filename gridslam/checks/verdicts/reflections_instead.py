@@ -50,7 +50,15 @@ def takes_reflections(table: Columns, plain: Sight, sight: Sight) -> bool:
 
 
 def through_walls(table: Columns, sight: Sight, scene: Scene) -> bool:
-    """Whether walls of the scene stand in nearly all lines of sight that were found."""
+    """Whether walls of the scene stand in nearly all lines of sight that were found.
+
+    Parameters
+    ----------
+    table : dict of (K,) arrays
+        Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
+    sight : Sight
+        What is explained of it.
+    """
     rows = sight.row[sight.likely]
     number = np.searchsorted(np.unique(table["step"][sight.row]), table["step"][rows])
     clear = in_view(scene.anchor_positions[table["anchor"][rows]], sight.position_m[number], scene.segments())
