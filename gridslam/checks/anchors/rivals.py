@@ -175,6 +175,52 @@ def turn_cure(table: Columns, scene: Scene, agent: str | None, plain: Sight, nee
     return Cure(Suspicion("aod_rad", "turned", text, not others, reason), read, sight)
 
 
+@dataclass(frozen=True)
+class _Ranked:
+    """Which error in the distances leaves least, and what leaves about as little.
+
+    Attributes
+    ----------
+    plain, best : RangeFit
+        No error, and the likeliest one.
+    alike : list of RangeFit
+        Others that explain as much.
+    common : bool
+        Whether the likeliest is a height of all anchors, told though several others explain as much.
+    """
+
+    plain: RangeFit
+    best: RangeFit
+    alike: list[RangeFit]
+    common: bool
+
+    @classmethod
+    def of(cls, found: list[RangeFit], scene: Scene) -> _Ranked:
+        """Of what `fits` finds, no error first."""
+        plain, ranked = found[0], sorted(without_twins(found[1:]), key=lambda fit: fit.misfit)
+        best, alike = ranked[0], [fit for fit in ranked[1:] if ranked[0].gain(fit) < CLEAR]
+        common = None if _named_beside(best, alike) else _common_height([best, *alike], plain, scene)
+        if common is None:
+            return cls(plain, best, alike, False)
+        return cls(plain, common, [fit for fit in (best, *alike) if fit is not common], True)
+
+    @property
+    def explains(self) -> bool:
+        """Whether the likeliest leaves little enough, and few enough others explain as much to be named."""
+        most = MOST_MISFIT_HEIGHT if self.common else MOST_MISFIT
+        named = self.common or _named_beside(self.best, self.alike)
+        return self.best.misfit <= most * self.best.count and named
+
+    def words(self, error: RangeError, scene: Scene, agent: str | None) -> str:
+        """What is said of the likeliest error, and of others that explain as much."""
+        text = error_words(error, self.best.size_m, scene, agent)
+        for fit in self.alike:
+            assert fit.error is not None
+            other = error_words(fit.error, fit.size_m, scene, agent)
+            text += f"; or {other}: too few anchors at once to tell which"
+        return text
+
+
 def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) -> Cure | None:
     """The error in the distances that the lines of sight found so far ask for, if one does clearly.
 
@@ -187,49 +233,42 @@ def range_cure(table: Columns, scene: Scene, agent: str | None, sight: Sight) ->
     sight : Sight
         The lines of sight that were found, whatever their distances.
     """
-    if not both_measured(table):
-        return None
-    found = fits(table, sight, scene, range_errors(scene), agent)
+    found = fits(table, sight, scene, range_errors(scene), agent) if both_measured(table) else []
     if not found:
         return None
-    plain, ranked = found[0], sorted(without_twins(found[1:]), key=lambda fit: fit.misfit)
-    best, alike = ranked[0], [fit for fit in ranked[1:] if ranked[0].gain(fit) < CLEAR]
-    common = None if _named_beside(best, alike) else _common_height([best, *alike], plain, scene)
-    if common is not None:
-        best, alike = common, [fit for fit in (best, *alike) if fit is not common]
-    error = best.error
+    ranked = _Ranked.of(found, scene)
+    plain, best, error = ranked.plain, ranked.best, ranked.best.error
     if error is None or abs(best.size_m) < error.least_m or best.gain(plain) < PROBABLE:
         return None
     heights = forgotten_heights(table, scene, sight, best)
     if heights is not None:
         suspicion, level = heights
         return Cure(suspicion, level, settled(level, scene, agent))
-    most = MOST_MISFIT if common is None else MOST_MISFIT_HEIGHT
-    if best.misfit > most * best.count or not (common or _named_beside(best, alike)):
+    if not ranked.explains:
         return None
-    spoilt = np.isin(table["anchor"], error.anchors)
-    distance = table["distance_m"]
-    with np.errstate(invalid="ignore"):
-        cured = error.cured(distance, best.size_m, scene.heights(agent)[table["anchor"]])
-    whole = table | {"distance_m": np.where(spoilt, cured, distance)}
+    whole = _without(error, best.size_m, table, scene, agent)
     after, before = settled(whole, scene, agent), settled(table, scene, agent)
     if after.explained < least_share(scene) or after.evidence < before.evidence + CLEAR:
         return None
+    far = sight.distance_m[np.isin(table["anchor"][sight.row], error.anchors)]
+    if error_allowed(error, best.size_m, scene, agent, float(np.median(far)) if len(far) else np.inf):
+        return Cure(None, whole, after)
     reason = (
         f"line of sight in {after.explained:.0%} of {after.judged}, {before.explained:.0%} as it "
         f"stands; misfit of these {plain.misfit / max(best.misfit, 1e-9):.1f} times as large without it; "
         f"log likelihood ratio {best.gain(plain):.0f}"
     )
-    text = error_words(error, best.size_m, scene, agent)
-    for fit in alike:
-        assert fit.error is not None
-        text += (
-            f"; or {error_words(fit.error, fit.size_m, scene, agent)}: too few anchors at once to tell which"
-        )
-    suspicion = Suspicion("distance_m", error.kind, text, not alike and best.gain(plain) >= CERTAIN, reason)
-    far = sight.distance_m[np.isin(table["anchor"][sight.row], error.anchors)]
-    allowed = error_allowed(error, best.size_m, scene, agent, float(np.median(far)) if len(far) else np.inf)
-    return Cure(None if allowed else suspicion, whole, after)
+    sure = not ranked.alike and best.gain(plain) >= CERTAIN
+    text = ranked.words(error, scene, agent)
+    return Cure(Suspicion("distance_m", error.kind, text, sure, reason), whole, after)
+
+
+def _without(error: RangeError, size_m: float, table: Columns, scene: Scene, agent: str | None) -> Columns:
+    """The table as it would have been without an error in its distances."""
+    distance, spoilt = table["distance_m"], np.isin(table["anchor"], error.anchors)
+    with np.errstate(invalid="ignore"):
+        cured = error.cured(distance, size_m, scene.heights(agent)[table["anchor"]])
+    return table | {"distance_m": np.where(spoilt, cured, distance)}
 
 
 def _common_height(alike: list[RangeFit], plain: RangeFit, scene: Scene) -> RangeFit | None:
