@@ -40,4 +40,4 @@ def whose(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> str:
             best = own.evidence
             names = f"{scene.anchor_names[one]} and {scene.anchor_names[other]}"
     more = f": with {names} exchanged lines of sight explain as much or more" if names else ""
-    return f"; unsure: distances alone don't tell for certain which anchor is which{more}"
+    return f"; not sure: distances alone don't tell for certain which anchor is which{more}"

@@ -24,7 +24,7 @@ MOST_MPS = 30.0
 """Speed from which on one doubts of seconds, too."""
 LEAST_STEPS = 10
 """Steps from which on their numbers are asked what they count."""
-PAUSE, PAUSE_S = 100.0, 10.0
+PAUSE, PAUSE_S = 30.0, 3.0
 """Intervals, and seconds, from which on a pause is told."""
 SET_S = 1e8
 """Three years."""

@@ -184,7 +184,7 @@ def explain(
         np.array(shares),
         float(some[:, column.SIZE].mean()) if error is not None else 0.0,
         np.array([*begun[:, :2].mean(0), np.angle(np.exp(1j * begun[:, 2]).mean())]),
-        steps if len(scans.rows) < len(columns["step"]) else None,
+        scans.steps if len(scans.rows) < len(columns["step"]) else None,
     )
 
 

@@ -17,6 +17,9 @@ from gridslam.world.scene import Scene
 PARTICLES = 300
 TOLD_APART = 12
 """Steps after which as many particles as usual go on from many starts."""
+HOLE, ENOUGH = 30.0, 30
+"""Usual intervals that make a hole in time; steps before it that are enough to judge a table by."""
+FOR_EVER = 2**31
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +34,8 @@ class Scans:
         Of each scan, and how many rows it has.
     begin : int
         The table's first step.
+    steps : int
+        How many of the table's steps are looked at.
     """
 
     rows: NDArray[np.intp]
@@ -38,6 +43,7 @@ class Scans:
     anchor: NDArray[np.intp]
     count: NDArray[np.intp]
     begin: int
+    steps: int
 
     @classmethod
     def of(cls, columns: Mapping[str, NDArray], steps: int) -> Scans:
@@ -51,11 +57,12 @@ class Scans:
         """
         step, anchor = np.asarray(columns["step"], np.intp), np.asarray(columns["anchor"], np.intp)
         begin = int(step[0]) if len(step) else 0
+        steps = min(steps, _before_hole(step, columns.get("time_s")))
         rows = np.flatnonzero(step < begin + steps)
         rows = rows[np.lexsort((anchor[rows], step[rows]))]
         first = np.flatnonzero(np.diff(step[rows], prepend=-1) | np.diff(anchor[rows], prepend=-1))
         count = np.diff(first, append=len(rows))
-        return cls(rows, step[rows[first]], anchor[rows[first]], count, begin)
+        return cls(rows, step[rows[first]], anchor[rows[first]], count, begin, steps)
 
     @property
     def by_scan(self) -> NDArray[np.int32]:
@@ -84,6 +91,20 @@ class Scans:
         begin, drawn = _drawn(tuple(counts.tolist()), sized, **draw.bit_generator.state["state"])
         table = np.column_stack([np.append(after, 0), np.append(first, len(self.step)), begin, counts])
         return table.astype(np.int32), drawn
+
+
+def _before_hole(step: NDArray[np.intp], time_s: Array | None) -> int:
+    """Steps before the first hole in time, if they are enough to judge a table by: in it the agent gets lost.
+
+    Steps that are counted one by one don't skip there.
+    """
+    number, first = np.unique(step, return_index=True)
+    if time_s is None or len(number) <= ENOUGH or not np.isfinite(time_s).all():
+        return FOR_EVER
+    gap = np.diff(time_s[first])
+    hole = np.flatnonzero(gap > HOLE * np.median(gap / np.diff(number)))
+    late = hole[hole >= ENOUGH - 1]
+    return int(number[late[0]] + 1 - number[0]) if len(late) and len(late) == len(hole) else FOR_EVER
 
 
 @lru_cache(maxsize=2)

@@ -139,10 +139,10 @@ def _cannot_be_told(alone: list[int], scene: Scene) -> str:
     names = [scene.anchor_names[number] for number in alone]
     if len(names) == 1:
         told = "how it is turned, where it stands and which one it is can't be told"
-        return f"; unsure: anchor {names[0]} is heard alone, or not where others put the agent: {told}"
+        return f"; not sure: anchor {names[0]} is heard alone, or not where others put the agent: {told}"
     told = "how they are turned, where they stand and which is which can't be told"
     each = f"anchors {', '.join(names)} are heard one at a time, or not where others put the agent"
-    return f"; unsure: {each}: {told}"
+    return f"; not sure: {each}: {told}"
 
 
 def _start_unseen(table: Columns, scene: Scene, agent: str | None) -> str:

@@ -51,7 +51,7 @@ def test_names_that_fit_as_well_exchanged_are_told():
 
 
 def test_distances_alone_are_never_certain_and_angles_are():
-    assert said(2.5) == "; unsure: distances alone don't tell for certain which anchor is which"
+    assert said(2.5) == "; not sure: distances alone don't tell for certain which anchor is which"
     assert said(2.5, angles=True) == ""
 
 

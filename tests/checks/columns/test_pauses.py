@@ -13,7 +13,7 @@ def table(pause_s, interval_s=0.1):
     return {"step": STEPS, "time_s": interval_s * STEPS + np.where(STEPS > 5, pause_s, 0.0)}
 
 
-@pytest.mark.parametrize(("pause_s", "told"), [(0.0, False), (9.0, False), (40.0, True), (2e9, True)])
+@pytest.mark.parametrize(("pause_s", "told"), [(0.0, False), (2.0, False), (9.0, True), (2e9, True)])
 def test_a_long_pause_is_told(pause_s, told):
     assert ("from step 5 to step 6" in " ".join(intervals(table(pause_s)))) == told
 

@@ -69,7 +69,7 @@ def test_a_table_that_fits_is_said_to_fit_as_far_as_anchors_tell(heard, monkeypa
     monkeypatch.setattr("gridslam.checks.verdicts.verdict.followed", lambda *_: fits)
     line = verdict(table, np.arange(2), SCENE, "agent1")
     assert "units and frames fit the scene as far as anchor A tells" in line
-    assert "; unsure: anchor B is heard alone, or not where others put the agent: how it is turned" in line
+    assert "; not sure: anchor B is heard alone, or not where others put the agent: how it is turned" in line
     fits = replace(explain(heard, SCENE, "agent1"), explained=0.95)
     assert "unsure" not in verdict(heard, np.arange(2), SCENE, "agent1")
 
@@ -81,7 +81,7 @@ def test_without_departures_sights_that_are_near_in_time_tie(heard, monkeypatch)
     fits = replace(explain(table, SCENE, "agent1"), explained=0.95)
     monkeypatch.setattr("gridslam.checks.verdicts.verdict.followed", lambda *_: fits)
     assert "unsure" not in verdict(table, np.arange(2), SCENE, "agent1")
-    assert "unsure: anchor A is heard alone" in verdict(table, np.arange(2), _vague(), "agent1")
+    assert "not sure: anchor A is heard alone" in verdict(table, np.arange(2), _vague(), "agent1")
 
 
 def test_a_start_out_of_sight_is_said_not_to_be_judged(heard, monkeypatch):
