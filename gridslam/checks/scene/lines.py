@@ -9,6 +9,7 @@ from gridslam.simulation.image_source import visible
 from gridslam.wording import counted
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
+from gridslam.world.scene_parts import Agent, Anchor
 
 LEAST_CARRIER_HZ, LEAST_BANDWIDTH_HZ = 1e6, 1e5
 """Below these a radio can't be meant: at 100 kHz two paths must differ by 3 km to be told apart."""
@@ -17,6 +18,8 @@ MUCH = 10.0
 """Times the region's greater side by which no wall reaches out of it."""
 UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
 """In which walls may be drawn, m."""
+WALKS = 4.0
+"""Deviations of the walk that a clock is told to make, within which a drift passes for one."""
 MOST_NAMED = 12
 """Anchors up to which each is said of how often it is in sight."""
 
@@ -35,7 +38,7 @@ def scene_lines(scene: Scene) -> list[str]:
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
     lines += [f"suspect: {found}" for found in implausible_radio(scene)]
     lines += _beyond(scene)
-    lines += [f"note: {found}" for found in [hidden_note(scene)] if found]
+    lines += [f"note: {found}" for found in [hidden_note(scene), clock_note(scene)] if found]
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
             lines.append(f"  {agent.name}: {_in_sight(scene, scene.track(agent.name).position_m)}")
@@ -61,6 +64,37 @@ def hidden_note(scene: Scene) -> str | None:
         f"anchor{'s' * (len(hidden) > 1)} {named}{rest}: hidden by walls from all steps of all agents' ways. "
         "If that isn't meant, see positions, walls and waypoints_m: gridslam scene draw"
     )
+
+
+def clock_note(scene: Scene) -> str | None:
+    """Whose true clocks leave what ``[clocks]`` allows for on some agent's way; None if none does.
+
+    A filter is told no more than that: it follows such a clock into wrong places, mostly without a word.
+    """
+    told, beyond = scene.clocks, list[str]()
+    ways = [scene.track(agent.name).time_s for agent in scene.agents if agent.waypoints_m is not None]
+    if told is None or not ways:
+        return None
+    time = np.concatenate(ways)
+    late = np.ptp(time)
+    steady = told.drift_prior_ppb == 0 and told.drift_walk_ppb == 0
+    devices: list[tuple[Anchor | Agent, float | None]] = [
+        *((anchor, told.anchor_prior_ns) for anchor in scene.anchors),
+        *((agent, told.agent_prior_ns) for agent in scene.agents),
+    ]
+    for device, shared in devices:
+        clock = device.clock
+        if clock is None:
+            continue
+        offset = 1e9 * clock.offset_s(time)
+        first, gone = float(offset[np.argmin(time)]), float(np.ptp(offset))
+        prior = shared if clock.prior_ns is None else clock.prior_ns
+        prior = 0.0 if device.name == told.reference else prior
+        if prior is not None and abs(first) > prior + 1e-9:
+            beyond.append(f"{device.name} begins at {first:g} ns, where {prior:g} are allowed for")
+        if steady and clock.jump_s is None and gone > WALKS * told.walk_ns * np.sqrt(late):
+            beyond.append(f"{device.name} drifts by {gone:.3g} ns in {late:g} s, where drift_prior_ppb is 0")
+    return f"true clocks leave what [clocks] allows for: {'; '.join(beyond)}" if beyond else None
 
 
 def implausible_radio(scene: Scene) -> list[str]:
