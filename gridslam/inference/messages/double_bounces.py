@@ -9,6 +9,7 @@ far as they were left unexplained, tells which of the two it is. Ours.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.layout import HEADING, OF_POSE, POSE
@@ -51,20 +52,26 @@ def put_off_double_bounces(
     vague = x + y > KNOWN_M**2
     if not len(births) or model.max_bounces < 2 or state.belief.clocks or not (vague or len(state.corners)):
         return births
-    departs, arrives = np.isfinite(scan.value[births.measurement, 1:]).T
-    if x + y > BLIND_M**2 and not arrives.all():
-        births, departs = births.take(np.flatnonzero(arrives)), departs[arrives]
-        arrives = arrives[arrives]
-    alone = (births.hit < 0).all(1) & departs & arrives
-    if not alone.any():
+    if x + y > BLIND_M**2:
+        births = _kept(births, np.isfinite(scan.value[births.measurement, 2]))  # (M558)
+    single = (births.hit < 0).all(1) & np.isfinite(scan.value[births.measurement, 1:]).all(1)
+    if not single.any():
         return births
-    pairs = list(zip(births.measurement.tolist(), births.anchor.tolist(), strict=True))
-    least = dict.fromkeys((pair for pair, one in zip(pairs, alone, strict=True) if one and vague), LEAST_ODDS)
-    least |= dict.fromkeys(_over_corners(births.take(np.flatnonzero(alone)), state, scan, radio, model), SURE)
-    odds = {pair: mirror_odds(*pair, state, scan, radio, model) for pair in least}
-    doubtful = [pair in least and odds[pair] < least[pair] for pair in pairs]
-    keep = np.flatnonzero(~(alone & np.array(doubtful)))
-    return births if len(keep) == len(births) else births.take(keep)
+    asked = births.take(np.flatnonzero(single))
+    least = dict.fromkeys(_pairs(asked), LEAST_ODDS) if vague else {}
+    least |= dict.fromkeys(_over_corners(asked, state, scan, radio, model), SURE)
+    doubtful = {pair for pair, odds in least.items() if mirror_odds(*pair, state, scan, radio, model) < odds}
+    return _kept(births, ~(single & np.array([pair in doubtful for pair in _pairs(births)])))
+
+
+def _pairs(births: Births) -> list[tuple[int, int]]:
+    """Measurement and anchor of each birth."""
+    return list(zip(births.measurement.tolist(), births.anchor.tolist(), strict=True))
+
+
+def _kept(births: Births, keep: NDArray[np.bool_]) -> Births:
+    """Those to keep (B,)."""
+    return births if keep.all() else births.take(np.flatnonzero(keep))
 
 
 def _over_corners(
