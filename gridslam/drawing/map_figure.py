@@ -40,6 +40,7 @@ MARGIN = 0.03
 FORMATS = ("png", "pdf", "svg")
 STILL: dict[str, dict[str, Any]] = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 """No time of drawing in a file: the same run gives the same figures."""
+UNARRANGED: Any = {"figure.autolayout": False, "figure.constrained_layout.use": False}  # whatever users set
 PAD_IN = 0.05
 """Above and below what is drawn, inches."""
 LAYOUTS = 2
@@ -149,7 +150,7 @@ def draw_reflection(grid: Cells, scene: Scene | None = None, width: float = PAGE
 def encoded(figure: Figure, form: str = "png") -> bytes:
     """A figure as a file's content: ``png``, ``pdf`` or ``svg``; its width, and the height in use."""
     content = io.BytesIO()
-    with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "gridslam"}):
+    with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "gridslam"} | UNARRANGED):
         fit_legends(figure)
         drawn, engine = figure.get_tightbbox(), figure.get_layout_engine()
         out = max(-drawn.x0, drawn.x1 - figure.get_figwidth())
@@ -158,7 +159,7 @@ def encoded(figure: Figure, form: str = "png") -> bytes:
             lay_out(figure)
             drawn = figure.get_tightbbox()
         cut = Bbox([[0, drawn.y0 - PAD_IN], [figure.get_figwidth(), drawn.y1 + PAD_IN]])
-        figure.set_layout_engine("none")  # it is laid out, which takes as long as drawing it
+        figure.set_layout_engine(None)  # it is laid out; any engine, "none" too, would draw it twice
         figure.savefig(content, format=form, bbox_inches=cut, metadata=STILL[form])
         figure.set_layout_engine(engine)
     return content.getvalue()
@@ -166,9 +167,8 @@ def encoded(figure: Figure, form: str = "png") -> bytes:
 
 def lay_out(figure: Figure, times: int = 1) -> None:
     """Put axes and legends where there is room for them."""
-    engine = figure.get_layout_engine()
-    for _ in range(times):
-        if engine is not None:
+    if engine := figure.get_layout_engine():
+        for _ in range(times):
             engine.execute(figure)
 
 
