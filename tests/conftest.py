@@ -48,6 +48,12 @@ def pytest_collection_modifyitems(items):
         items.sort(key=lambda item: (-slow[item.path], -every[item.path], item.path))
 
 
+def pytest_collection_finish():
+    """What is imported by now stays: nobody looks through it again, nor at each 700 objects that are new."""
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 10)
+
+
 def pytest_sessionfinish():
     """At its end pytest looks five times through all objects for files that nobody closed, and Python once
     more: here once, and what is left is left alone. But Taichi, which keeps what it compiled as it goes."""
