@@ -73,7 +73,7 @@ class Plan:
 
 
 QUICK = Plan(
-    particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=16,
+    particles=(256, 1_024), canyon=256, before=1, timed=2, later=3, watched=1, kernel_particles=4,
     kernel_before=2, kernel_s=0.01, growth_particles=256, surfaces=(3, 4), false_alarms=(2.0, 8.0),
     cell_m=(0.2, 0.1), hypotheses=(1, 2), steps=(2, 4), repeats=1, paths=2, features=(3,),
     feature_particles=8,

@@ -52,9 +52,9 @@ def cells_of(
         middle = start + 0.5 * (share[1:] + share[:-1])[:, None] * step
         middle = middle[np.diff(share) > 1e-9] if len(share) > 1 else start[None]
         crossed.append(np.floor(middle).astype(int)[:, ::-1])
-    hit = {tuple(c) for cells in met for c in cells}
-    walked = np.concatenate([_inside(c, shape) for c in crossed])
-    return np.array([c for c in walked if tuple(c) not in hit], int).reshape(-1, 2), met
+    walked, number = np.concatenate([_inside(c, shape) for c in crossed]), np.array([shape[1], 1])
+    hit = np.concatenate([np.zeros((0, 2), int), *met]) @ number
+    return walked[~np.isin(walked @ number, hit)], met
 
 
 def _inside(cells: Array, shape: tuple[int, int]) -> Array:
