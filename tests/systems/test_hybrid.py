@@ -278,7 +278,8 @@ def test_scattered_paths_as_strong_as_the_sight_do_not_carry_the_agent_off_at_th
 def test_who_begins_hidden_says_so_until_a_line_of_sight_was_heard(screen, recording):
     """And hears it when it comes, though it never was: its power isn't that of the noise about the start."""
     slam, truth = HybridSlam(screen, seed=1, waveform=recording.waveform), screen.track("agent1")
-    first, shown = HIDDEN.start, HIDDEN.stop - HIDDEN.start
+    first = HIDDEN.start + 20
+    shown = HIDDEN.stop - first
     slam.start_at(truth.position_m[first], float(truth.heading_rad[first]))
     scans = list(recording)[first : HIDDEN.stop + 16]
     whole = [slam.step(scan) for scan in scans]

@@ -138,7 +138,7 @@ def test_walls_too_faint_for_one_snapshot_are_found_where_they_are():
     scene = gs.Scene.checked(scene, "room")
     recording = gs.simulate(scene, "agent1", seed=5, what="signal")
     slam = gs.DirectGridSlam(scene, waveform=recording.waveform)
-    for number in range(80):
+    for number in range(55):
         slam.step(recording.scan(number))
     line = slam.map().surfaces.line
     assert len(line) >= 2

@@ -200,10 +200,10 @@ particles = 1000
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["grid", "adaptive", "network", "network_grid"])
 def test_a_corner_of_unknown_walls_turns_nobody_about_its_anchor(method):
-    """Four noises: squared errors over claimed variances, of two dimensions, and no false wall at the end."""
+    """Two noises: squared errors over claimed variances, of two dimensions, and no false wall at the end."""
     scene = gs.Scene.from_toml(PLAN, "corner")
     squared = []
-    for seed in range(4):
+    for seed in (2, 3):  # at which unweighed departures turn networks to 4 and 9
         run = gs.map_scene(scene, gs.simulate(scene, "one", seed), method, seed=seed)
         error = run.trajectory.position_m[20:, :2] - scene.track("one").position_m[20:, :2]
         certain = np.linalg.inv(run.covariance[20:, :2, :2])
