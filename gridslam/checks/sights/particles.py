@@ -101,8 +101,9 @@ def _before_hole(step: NDArray[np.intp], time_s: Array | None) -> int:
     number, first = np.unique(step, return_index=True)
     if time_s is None or len(number) <= ENOUGH or not np.isfinite(time_s).all():
         return FOR_EVER
-    gap = np.diff(time_s[first])
-    hole = np.flatnonzero(gap > HOLE * np.median(gap / np.diff(number)))
+    with np.errstate(over="ignore"):  # of times that are no seconds, which is told elsewhere
+        gap = np.diff(time_s[first])
+        hole = np.flatnonzero(gap > HOLE * np.median(gap / np.diff(number)))
     late = hole[hole >= ENOUGH - 1]
     return int(number[late[0]] + 1 - number[0]) if len(late) and len(late) == len(hole) else FOR_EVER
 
