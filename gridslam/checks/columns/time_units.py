@@ -12,7 +12,14 @@ from gridslam.world.columns import Columns
 
 LATEST_S = 1e11
 """Seconds since 1970 stay below this for 1200 years; milliseconds have been above since 1973."""
-UNITS = ((1e17, "nanoseconds", 1e-9), (1e14, "microseconds", 1e-6), (LATEST_S, "milliseconds", 1e-3))
+UNITS = {"nanoseconds": (1e17, 1e-9), "microseconds": (1e14, 1e-6), "milliseconds": (LATEST_S, 1e-3)}
+ABOUT = 0.1
+"""By how much of it an interval in another unit may differ from the scene's."""
+DAY_S, YEAR_2200_S = 86_400.0, 7.26e9
+"""Median interval from which on times are no seconds, as nobody maps with a step a day; and the year 2200 in
+seconds since 1970. Seconds that count from the year 0 or 1601 are beyond it: intervals must be long, too."""
+FINEST_S, COARSEST_S = 1e-3, 10.0
+"""Intervals between steps as most are."""
 LARGE_S = 1e5
 """Times from which on six digits don't tell the first from the last."""
 LONG_S, LEAST_MPS, LEAST_WAY_M = 10.0, 0.01, 1.0
@@ -82,17 +89,46 @@ def strides_line(step: NDArray[np.integer]) -> str | None:
 
 
 def absurd_times(columns: Columns) -> list[Suspicion]:
-    """Times since 1970 that can't be seconds.
+    """Times that can't be seconds: since 1970, or with steps a day or more apart.
 
     Parameters
     ----------
     columns : dict of (K,) arrays
         Of a table of measurements, as its file has them.
     """
-    latest = _latest_s(columns)
-    for least, unit, factor in UNITS:
-        if latest > least:
-            return [Suspicion("time_s", unit, _words(unit, factor), True, f"up to {latest:.4g}")]
+    latest, gap, first = _latest_s(columns), _interval_s(columns), _earliest_s(columns)
+    for unit, (least, factor) in UNITS.items():
+        if latest > least and factor * gap <= DAY_S:
+            return [Suspicion("time_s", unit, _words(unit), True, f"up to {latest:.4g}")]
+    if gap > DAY_S:
+        reason = f"{gap:.4g} s between steps, in the middle: {gap / DAY_S:.3g} days"
+        units = [unit for unit, (_, factor) in UNITS.items() if FINEST_S <= factor * gap <= COARSEST_S]
+        kind = units[-1] if units else "nanoseconds"
+        words = " or ".join(units) + ", where seconds belong" if len(units) > 1 else _words(kind)
+        return [Suspicion("time_s", kind, words, True, reason)]
+    if gap >= LONG_S and first > YEAR_2200_S:
+        reason = f"from {first:.4g} s on, {gap:.4g} s between steps"
+        return [Suspicion("time_s", "milliseconds", _words("milliseconds"), False, reason)]
+    return []
+
+
+def slow_steps(columns: Columns, interval_s: float, step_m: float) -> list[Suspicion]:
+    """Times whose steps are as far apart as the scene's are in another unit, so that the agent would crawl.
+
+    Parameters
+    ----------
+    columns : dict of (K,) arrays
+        Of the steps, as their file has them.
+    interval_s, step_m : float
+        By the scene: between steps, and how far the agent goes meanwhile.
+    """
+    gap = _interval_s(columns)
+    if gap < LONG_S or step_m / gap > LEAST_MPS:
+        return []
+    for unit, (_, factor) in UNITS.items():
+        if abs(factor * gap / interval_s - 1) < ABOUT:
+            reason = f"{gap:.4g} s between steps, where the scene's interval_s is {interval_s:g}"
+            return [Suspicion("time_s", unit, _words(unit), False, reason)]
     return []
 
 
@@ -128,7 +164,7 @@ def slow_times(
         The way of a step by the scene, if it is to count.
     """
     gap = _interval_s(columns)
-    if gap < LONG_S or _latest_s(columns) > LATEST_S or len(sight.position_m) < 5:
+    if gap < LONG_S or absurd_times(columns) or len(sight.position_m) < 5:
         return []
     span = float(np.ptp(columns["step"][sight.row]))
     way = float(np.linalg.norm(np.ptp(sight.position_m, axis=0)))
@@ -141,7 +177,7 @@ def slow_times(
     if way < enough or speed > LEAST_MPS:
         return []
     reason = f"{gap:.4g} s between steps, so that the agent would move at {1000 * speed:.2g} mm/s"
-    return [Suspicion("time_s", "milliseconds", _words("milliseconds", 1e-3), False, reason)]
+    return [Suspicion("time_s", "milliseconds", _words("milliseconds"), False, reason)]
 
 
 def fast_times(columns: Columns, sight: Sight) -> list[Suspicion]:
@@ -167,14 +203,20 @@ def fast_times(columns: Columns, sight: Sight) -> list[Suspicion]:
     return [Suspicion("time_s", "fast", "too small for seconds", False, reason)]
 
 
-def _words(unit: str, factor: float) -> str:
-    return f"{unit}, where seconds belong (times {factor:g})"
+def _words(unit: str) -> str:
+    return f"{unit}, where seconds belong (times {UNITS[unit][1]:g})"
 
 
 def _latest_s(columns: Columns) -> float:
     """The largest of the finite times, 0 without any."""
     time = columns["time_s"]
     return float(np.abs(time[np.isfinite(time)]).max(initial=0.0))
+
+
+def _earliest_s(columns: Columns) -> float:
+    """The smallest of the finite times, 0 without any."""
+    time = columns["time_s"][np.isfinite(columns["time_s"])]
+    return float(time.min()) if len(time) else 0.0
 
 
 def _steps(columns: Columns) -> tuple[NDArray[np.integer], NDArray[np.float64]]:

@@ -201,9 +201,10 @@ def suspicions(
     found, columns = padding(columns, in_degrees)
     plain, columns = absurd(columns)
     found += plain
+    if len(columns["step"]):
+        found += time_units.absurd_times(columns) or time_units.set_clocks(columns)
     if scene is None or not len(columns["step"]):
         return found
-    found += time_units.absurd_times(columns) or time_units.set_clocks(columns)
     if not len(finite(columns, "distance_m")) and "distance" in scene.radio.measures:
         text = "not measured, though the scene's radio.measures has it; nothing can be mapped without"
         found.append(Suspicion("distance_m", "missing", text, True, "no row has one"))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gridslam.checks.columns.time_units import intervals, set_clocks
+from gridslam.checks.columns.time_units import absurd_times, intervals, set_clocks
 
 STEPS = np.repeat(np.arange(12), 2)
 
@@ -29,3 +29,21 @@ def test_a_clock_that_was_set_is_suspect_and_a_month_is_not():
     assert str(suspect) == f"{said} (nobody measures for years)"
     assert not set_clocks(table(2.6e6))
     assert not set_clocks({"step": np.arange(3), "time_s": 1.79e9 + np.arange(3.0)})
+
+
+@pytest.mark.parametrize(
+    ("interval_s", "kind"),
+    [(1e8, "nanoseconds"), (5e6, "microseconds"), (1e5, "microseconds"), (1e12, "nanoseconds")],
+)
+def test_steps_days_apart_are_no_seconds(interval_s, kind):
+    (suspect,) = absurd_times(table(0.0, interval_s))
+    assert (suspect.column, suspect.kind) == ("time_s", kind)
+
+
+@pytest.mark.parametrize("first", [0.0, 1.7e9, 3.9e9, 1.3e10, 6.4e10])
+def test_seconds_of_any_era_are_seconds(first):
+    for interval_s in (0.1, 5.0):
+        late = table(2e5, interval_s)
+        assert not absurd_times(late | {"time_s": first + late["time_s"]})
+    late = table(0.0, 100.0)
+    assert bool(absurd_times(late | {"time_s": first + late["time_s"]})) == (first > 7.3e9)
