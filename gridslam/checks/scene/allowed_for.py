@@ -70,7 +70,12 @@ def shift_allowed(shift_m: Array, anchor: int, scene: Scene) -> bool:
 
 def farthest_aside_m(scene: Scene) -> float:
     """How far from its place any anchor may stand."""
-    return WITHIN * float(mounting_std_of(scene.anchors)[:, 0].max(initial=0.0))
+    return float(may_stand_aside_m(scene).max(initial=0.0))
+
+
+def may_stand_aside_m(scene: Scene) -> Array:
+    """How far from its place each anchor (J,) may stand, m."""
+    return np.asarray(WITHIN * mounting_std_of(scene.anchors)[:, 0])
 
 
 def _aside_m(scene: Scene, anchors: tuple[int, ...]) -> float:

@@ -21,6 +21,7 @@ from gridslam.checks.signals.delays import Delays, delay_profile
 from gridslam.checks.signals.directions import Directions, directions
 from gridslam.checks.signals.elements import sample_faults
 from gridslam.checks.signals.places import MOST_PLACES, Complex, Places, exchanged, places_of
+from gridslam.checks.signals.stated import frequency_factor, frequency_line, stated_faults
 from gridslam.errors import InputError, located
 from gridslam.measurements.matlab_signal import read_mat_signal
 from gridslam.measurements.signal_hdf5 import read_signal
@@ -81,9 +82,13 @@ def describe_signal(
     except (InputError, IndexError):
         return lines  # whoever reads the file is told
     lines += _band(waveform, scene)
+    factor = frequency_factor(waveform, scene)
+    if factor != 1.0:
+        lines[1:] = [lines[1], frequency_line(waveform, factor)]
+        waveform = replace(waveform, offset_hz=factor * waveform.offset_hz)
+    lines += stated_faults(raw, scene, agent)
     if scene is not None and scene.has_heights:
         lines.append(f"note: {scene.name} has heights, {PLANAR}")
-    lines += _units(raw)
     usable = _usable_snapshots(raw, samples)
     if not usable.any():
         return lines
@@ -122,14 +127,6 @@ def _band(waveform: Waveform, scene: Scene | None) -> list[str]:
             found = f"lines of sight of up to {far:.3g} m would fold back beyond {folding:.4g} m"
             lines.append(f"suspect: frequency_hz: {found}; smaller steps are needed")
     return lines
-
-
-def _units(raw: dict[str, Any]) -> list[str]:
-    """Headings that can't be radians."""
-    heading = raw.get("heading_rad")
-    if heading is not None and np.isfinite(heading).all() and np.abs(heading).max() > 2 * np.pi:
-        return [f"suspect: heading_rad: up to {np.abs(heading).max():.4g}: degrees?"]
-    return []
 
 
 def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
