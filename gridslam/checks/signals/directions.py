@@ -29,6 +29,11 @@ TOLD = 0.15
 WRAPPED_RAD, ALONG, MORE = 0.1, 0.5, 0.1
 """How far headings are from the true ones, in degrees and wrapped, up to which they are these; with errors of
 a degree, mean cosine from which on they are, if so far above that of headings turned by any angle."""
+COMPASS = (
+    "heading_rad: clockwise from north (a compass's), where counter-clockwise from x belongs (pi/2 - heading)"
+)
+AS_WELL = 0.1
+"""Share of what noise leaves by which another reading of headings may explain more than a compass's."""
 MIRRORED, ACROSS = np.array([1.0, -1.0]), np.array([-1.0, -1.0])
 
 
@@ -144,7 +149,7 @@ def directions(
     if measured is not None:
         heading = np.asarray(measured)[places.step]
         others = {"heading_rad: degrees, not radians": np.radians(heading)}
-        others |= {"heading_rad: the opposite sign": -heading}
+        others |= {"heading_rad: the opposite sign": -heading, COMPASS: 0.5 * np.pi - heading}
     left = noise_share(own, matched, waveform)
     plain = share_of(matched, elements, heading, places, waveform)
     fit = Directions(plain, left)
@@ -156,6 +161,8 @@ def directions(
     for text, one in readings(elements, waveform):
         ways[text] = share_of(matched, one, heading, places, waveform)
     best = max(ways, key=lambda text: ways[text])
+    if best in others and ways.get(COMPASS, 0.0) > ways[best] - AS_WELL * left:
+        best = COMPASS  # degrees fit as well only of an agent that kept to one heading, of about 1.5 degrees
     known = None if measured is None else share_of(matched, elements, places.heading_rad, places, waveform)
     few = len(own) < FEW
     times = TIMES_OF_FEW if few else TIMES

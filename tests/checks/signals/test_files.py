@@ -104,6 +104,7 @@ FAULTS = {
     "dead": ({"samples": lambda z: z * [[1], [0], [1], [1]]}, "agent: element 2 of 4 hears nothing"),
     "stuck": ({"samples": lambda z: np.repeat(z[:1], len(z), 0)}, "anchor B: snapshots repeat: 19 of 20"),
     "heading": ({"heading_rad": np.negative}, "heading_rad: the opposite sign"),
+    "compass": ({"heading_rad": lambda h: np.pi / 2 - h}, "heading_rad: clockwise from north"),
     "north": ({"heading_rad": lambda h: np.pi / 2 - h + 0.7}, "heading_rad: another frame"),
 }
 
@@ -115,6 +116,26 @@ def test_what_arrays_tell_is_named(tmp_path, fault):
     found = suspects(path)
     assert found
     assert any(re.search(says, line) for line in found), found
+
+
+@pytest.mark.parametrize("name", ["compass", "degrees"])
+def test_a_compass_is_told_from_degrees_where_the_agent_keeps_to_its_heading(tmp_path, name):
+    scene = gs.Scene.checked(
+        {
+            **SCENES["arrays"].model_dump(exclude_none=True),
+            "agents": [
+                {
+                    "name": "me", "start_m": [2.0, 3.0], "start_heading_deg": 0.0,
+                    "waypoints_m": [[4.0, 3.0]], "steps": 20, "step_m": 0.05, "heading_sensor_deg": 0.5,
+                }
+            ],
+        },
+        "ahead",
+    )  # fmt: skip
+    read = {"compass": lambda h: np.pi / 2 - h, "degrees": lambda h: np.degrees(h + 0.2)}[name]
+    path = written(tmp_path / "z.h5", scene, truth=False, heading_rad=read)
+    (line,) = suspects(path, scene)
+    assert (name == "compass") == ("clockwise from north" in line)
 
 
 def test_wrapped_degrees_are_told_from_headings_of_another_frame():
