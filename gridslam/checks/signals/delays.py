@@ -48,7 +48,11 @@ class Delays:
         samples : (K, J, A, B, M) complex
             Of all steps and anchors.
         """
-        own = samples[places.step, places.anchor].astype(np.complex128)
+        return cls.alone(samples[places.step, places.anchor].astype(np.complex128), waveform)
+
+    @classmethod
+    def alone(cls, own: Complex, waveform: Waveform) -> Delays:
+        """Delays of snapshots (N, A, B, M), those at known places alone."""
         profile = delay_profile(own, waveform)
         return cls(own, profile / profile.max(-1, keepdims=True), waveform.folding_m)
 
