@@ -245,7 +245,8 @@ def source(files: Sequence[Path]) -> dict[str, Any]:
 def hints(world: Scene, method: str, observations: Observations | None) -> list[str]:
     """What to say before a run: what a method doesn't use of what it gets, and which one is made for it."""
     asked = (
-        simulation_hint, repeats_hint, strides_hint, angles_hint, samples_hint, elevations_hint, turn_hint,
+        simulation_hint, repeats_hint, strides_hint, order_hint, angles_hint, samples_hint, elevations_hint,
+        turn_hint,
     )  # fmt: skip
     return [hint for one in asked if (hint := one(world, method, observations))]
 
@@ -269,6 +270,15 @@ def repeats_hint(world: Scene, method: str, observations: Observations | None) -
     from gridslam.measurements.table import Measurements
 
     return repeats_line(observations.columns) if isinstance(observations, Measurements) else None
+
+
+def order_hint(world: Scene, method: str, observations: Observations | None) -> str | None:
+    """What to say of samples in another order than that of frequencies, or over time."""
+    from gridslam.checks.signals.order import order_note
+    from gridslam.measurements.recording import Recording
+
+    own = observations if isinstance(observations, Recording) else None
+    return None if own is None else order_note(own.samples, own.heard, own.waveform)
 
 
 def samples_hint(world: Scene, method: str, observations: Observations | None) -> str | None:

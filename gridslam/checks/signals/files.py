@@ -20,7 +20,7 @@ from gridslam.arrays import Array
 from gridslam.checks.signals.delays import Delays, delay_profile
 from gridslam.checks.signals.directions import Directions, directions
 from gridslam.checks.signals.elements import sample_faults
-from gridslam.checks.signals.order import over_time, shift_line, shift_of, spectrum
+from gridslam.checks.signals.order import TIMES, over_time, shift_line, shift_of, some_of, spectrum
 from gridslam.checks.signals.places import MOST_PLACES, Complex, Places, exchanged, places_of
 from gridslam.checks.signals.stated import frequency_factor, frequency_line, stated_faults
 from gridslam.errors import InputError, located
@@ -40,12 +40,6 @@ PLANAR = (
     "and methods on sampled signals (direct, hybrid) refuse such scenes: gridslam extract makes paths of the "
     "samples, for grid and adaptive"
 )
-TIMES = (
-    "a response over time, where one over frequency belongs: its spectrum has the line of sight; "
-    "np.fft.fftshift(np.fft.fft(samples, axis=-1), axes=-1)"
-)
-MOST_SPREAD = 240
-"""Snapshots by which the order of samples is told."""
 READABLE = (1e4, 1e9)
 """Frequency steps (Hz) that a radio may have."""
 
@@ -99,9 +93,9 @@ def describe_signal(
     usable = _usable_snapshots(raw, samples)
     if not usable.any():
         return lines
-    roll = shift_of(_spread(samples, usable), waveform)
+    roll = shift_of(some_of(samples, usable), waveform)
     if roll:
-        lines.append(shift_line(roll, samples.shape[-1]))
+        lines.append(f"suspect: {shift_line(roll, samples.shape[-1])}; read so from here on")
         samples = np.roll(samples, roll, axis=-1)
     lines += _levels(raw, samples, usable, waveform)
     lines += [f"suspect: samples: {fault}" for fault in sample_faults(samples, usable, raw["anchors"])]
@@ -148,13 +142,6 @@ def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
     return np.asarray(good if received is None else good & np.asarray(received, bool))
 
 
-def _spread(samples: Array, usable: NDArray[np.bool_]) -> Complex:
-    """Some of the usable snapshots, from the first to the last, (N, A, B, M)."""
-    step, anchor = np.nonzero(usable)
-    some = np.unique(np.linspace(0, len(step) - 1, min(len(step), MOST_SPREAD)).astype(int))
-    return np.asarray(samples[step[some], anchor[some]], np.complex128)
-
-
 def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], waveform: Waveform) -> list[str]:
     """Strongest peak and its SNR, by anchor."""
     lines = []
@@ -184,7 +171,7 @@ def _line_of_sight(
     if over_time(own.samples, waveform):
         timed = Delays.alone(spectrum(own.samples), waveform)
         if max(timed.share(places, half, flipped=flipped) for flipped in (False, True)) > THERE:
-            return [*lines, f"suspect: samples: {TIMES}"]
+            return [*lines, f"suspect: {TIMES}"]
     turned = own.share(places, half, flipped=True)
     if turned > THERE and turned > plain + BETTER:
         return lines + _turned(raw, own.samples, waveform, places, half)

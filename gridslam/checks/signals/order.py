@@ -8,6 +8,7 @@ from the last sample to the first. Samples over time have peaks of their own, an
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array, squared
 from gridslam.checks.signals.delays import delay_profile
@@ -21,11 +22,49 @@ BROKEN, WHOLE, ALONE = 1.3, 1.2, 1.15
 (up to its root, too); how many times as large as all others it must be."""
 LIKE, UNLIKE = 0.9, 0.5
 """Correlation of the power over frequency with the pulse's that tells the order, and that denies another."""
-LEAST = 20
-"""Snapshots from which on an order is told."""
+LEAST, MOST, FEW = 20, 240, 60
+"""Snapshots from which on an order is told, and by which at most; by about which, before a run,
+whether they are times."""
+LONE = 0.9
+"""Share of snapshots with their peak at the same sample from which on this may be a jammed frequency."""
+TIMES = (
+    "samples: a response over time, where one over frequency belongs: "
+    "np.fft.fftshift(np.fft.fft(samples, axis=-1), axes=-1)"
+)
 SHARPER, MOSTLY = 2.0, 0.8
 """How many times higher the peaks of samples themselves are than those of delays if they are times; in what
 share of snapshots they are higher at all."""
+
+
+def order_note(samples: NDArray, heard: NDArray[np.bool_], waveform: Waveform) -> str | None:
+    """What to say of a recording's samples before they are used; None of right ones.
+
+    Parameters
+    ----------
+    samples : (K, J, A, B, M) complex
+    heard : (K, J) bool
+    """
+    own = some_of(samples, heard)
+    roll = shift_of(own, waveform)
+    if roll:
+        return shift_line(roll, own.shape[-1])
+    highest = squared(own).sum((1, 2)).argmax(-1)
+    if len(own) < LEAST or np.bincount(highest).max() > LONE * len(own):
+        return None
+    return TIMES if over_time(own[:: max(len(own) // FEW, 1)], waveform) else None
+
+
+def some_of(samples: NDArray, usable: NDArray[np.bool_]) -> Complex:
+    """Some of the usable snapshots, from the first to the last, (N, A, B, M).
+
+    Parameters
+    ----------
+    samples : (K, J, A, B, M) complex
+    usable : (K, J) bool
+    """
+    step, anchor = np.nonzero(usable)
+    some = np.unique(np.linspace(0, len(step) - 1, min(len(step), MOST)).astype(int))
+    return np.asarray(samples[step[some], anchor[some]], np.complex128)
 
 
 def shift_of(own: Complex, waveform: Waveform) -> int:
@@ -60,8 +99,8 @@ def shift_line(roll: int, count: int) -> str:
     """What is said of `count` samples that must be rolled by `roll`."""
     cure = "fftshift" if roll == count // 2 else "ifftshift"
     return (
-        "suspect: samples: in the order of an FFT, from the carrier up and then from below, where rising "
-        f"frequencies belong: np.fft.{cure} over the last axis; read so from here on"
+        "samples: in the order of an FFT, from the carrier up and then from below, where rising frequencies "
+        f"belong: np.fft.{cure} over the last axis"
     )
 
 

@@ -5,7 +5,8 @@ import pytest
 from signal_samples import sampled_scene, suspects
 
 import gridslam as gs
-from gridslam.checks.signals.order import over_time, shift_of
+from gridslam.checks.signals.order import order_note, over_time, shift_of
+from gridslam.cli.observed import hints
 
 WALL = {"material": "concrete", "points_m": [[-6.0, 6.0], [6.0, 6.0]]}
 RADIO = {"snr_at_1m_db": 40.0}
@@ -67,6 +68,7 @@ def test_a_line_at_the_carrier_is_no_break(tmp_path):
 
         _, snapshots, form = told(tmp_path, RADIO, spoilt)
         assert shift_of(snapshots, form) == 0
+        assert order_note(snapshots[:, None], np.ones((len(snapshots), 1), bool), form) is None
 
 
 def test_noise_has_no_order():
@@ -76,3 +78,11 @@ def test_noise_has_no_order():
         noise = draw.standard_normal((60, 1, 1, 41)) + 1j * draw.standard_normal((60, 1, 1, 41))
         assert shift_of(noise, form) == 0
         assert not over_time(noise, form)
+
+
+def test_a_run_says_so_before_it_begins(tmp_path):
+    for name, change in {"": lambda z: z, **ORDERS}.items():
+        told(tmp_path, RADIO, change)
+        own = gs.Recording.load(tmp_path / "z.h5")
+        found = hints(sampled_scene([WALL], RADIO), "direct", own)
+        assert [line for line in found if SAYS[name.split(",")[0]] in line] if name else not found
