@@ -18,7 +18,9 @@ from gridslam.world.observation import Observation
 
 ANY_SPEED_MPS = 10.0
 """Standard deviation of a velocity of which nothing is known."""
-ROUNDING, SYMMETRIC = 1e-9, 1e-6
+SYMMETRIC = 1e-2
+"""By how much a covariance may differ from its mirror image, as a correlation: in single precision it does."""
+ROUNDING = 1e-9
 """Share of the largest by which rounding may put an eigenvalue of a covariance below 0."""
 
 
@@ -215,7 +217,8 @@ class Estimate:
             if not np.isfinite(array).all():
                 raise InputError(f"estimate: {name}", "NaN or infinity", "finite numbers")
         values = np.linalg.eigvalsh(0.5 * (square + square.T))
-        if np.abs(square - square.T).max() > SYMMETRIC * np.abs(square).max():
+        std = np.sqrt(np.maximum(square.diagonal(), 0.0))
+        if (np.abs(square - square.T) > SYMMETRIC * np.outer(std, std)).any():
             raise InputError("estimate: covariance", "a matrix that isn't symmetric", "a symmetric one")
         if values[0] < -ROUNDING * max(values[-1], -values[0]):
             raise InputError(

@@ -158,13 +158,21 @@ def alike_runs(grid: MapCells) -> list[str]:
 def makers_of(prior: MapCells | None) -> dict[str, list[Any]]:
     """Who made the map that a filter starts from, as parallel lists."""
     earlier = {} if prior is None else prior.provenance
-    lists = {key: earlier.get(key) for key in ("agents", "seeds", "steps", "runs", "kinds")}
-    known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
-    count = len(known["agents"])  # maps of earlier versions name neither their runs nor what was heard
-    late = {key: [""] * (count - len(known[key])) + known[key] for key in ("runs", "kinds")}
     names = earlier.get("told")
-    truth = {"told": list(names)} if isinstance(names, list) else {}
-    return known | truth | late
+    return parallel(earlier) | ({"told": list(names)} if isinstance(names, list) else {})
+
+
+def parallel(provenance: Mapping[str, object]) -> dict[str, list[Any]]:
+    """The lists of a provenance that run parallel, blank where an earlier version didn't say.
+
+    Maps of one fused with another may lack runs or kinds of some: of kinds nobody knows whose they are.
+    """
+    lists = {key: provenance.get(key) for key in ("agents", "seeds", "steps", "runs", "kinds")}
+    known = {key: list(value) if isinstance(value, list) else [] for key, value in lists.items()}
+    count = len(known["agents"])
+    known["runs"] = [""] * (count - len(known["runs"])) + known["runs"]
+    known["kinds"] = known["kinds"] if len(known["kinds"]) == count else [""] * count
+    return known
 
 
 def refuse_shared_runs(maps: Sequence[MapCells], names: Sequence[str]) -> None:

@@ -20,7 +20,7 @@ from gridslam.io.covariances import require_covariance
 from gridslam.io.files import get_attributes, put_attributes, reading_h5, subgroup, writing_h5
 from gridslam.maps.map import Map
 from gridslam.maps.map_files import get_map, put_map
-from gridslam.maps.run_identity import Identity
+from gridslam.maps.run_identity import Identity, parallel
 from gridslam.systems.values import arrays_of, get_value, put_value
 from gridslam.world.scene import Scene
 from gridslam.world.waveform import Waveform
@@ -115,7 +115,7 @@ def _read_origin(known: dict[str, Any], path: str) -> tuple[dict[str, list[Any]]
     text = str(known.get("identity"))
     if not re.fullmatch(r"[0-9a-f]{64} \d+ [0-9a-f]*", text):
         raise InputError(f"{path}: /run/identity", repr(text[:60]), "a checksum and a count")
-    return provenance, Identity.parse(text)
+    return provenance | parallel(provenance), Identity.parse(text)
 
 
 def _require_alike(believed: Any, fresh: Any, path: str) -> None:

@@ -1,14 +1,16 @@
 """Maps say which runs they are made of: no evidence counts twice, whatever way it came."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.maps.run_identity import Identity, alike_runs, same_run
+from gridslam.maps.run_identity import Identity, alike_runs, parallel, same_run
 
 
 @pytest.fixture(scope="module")
@@ -180,3 +182,22 @@ def test_map_of_another_building_is_refused(say, scene, maps, no_figures, tmp_pa
     assert (result.code, len(result.complaints)) == (2, 1)
     assert "frame of flat.h5" in result.err
     assert say(*fused, "--same-frame").code == 0
+
+
+def test_kinds_that_earlier_versions_did_not_say_are_blank():
+    both = {"agents": ["a", "b"], "seeds": [0, 1], "steps": [6, 7], "runs": ["11", "22"]}
+    assert parallel(both)["kinds"] == ["", ""]
+    assert parallel(both | {"kinds": ["paths"]})["kinds"] == ["", ""]  # fused: of which of them isn't known
+    assert parallel(both | {"kinds": ["paths", "signal"]})["kinds"] == ["paths", "signal"]
+
+
+def test_a_filter_of_an_earlier_versions_checkpoint_makes_its_map(scene, measurements, tmp_path):
+    slam = gs.GridSlam(scene.with_filter(particles=300))
+    for scan in list(measurements[1])[:2]:
+        slam.step(scan)
+    slam.save(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        known = json.loads(file["run"].attrs["provenance"])
+        assert known.pop("kinds") == []
+        file["run"].attrs["provenance"] = json.dumps(known)
+    assert gs.GridSlam.resume(tmp_path / "a.h5").map().provenance["kinds"] == ["paths"]

@@ -274,6 +274,7 @@ def test_estimates_made_by_hand_hold_what_they_are_given():
         gs.Estimate.of_pose(scan, [1, 2], 0.0, np.eye(4))
     with pytest.raises(gs.InputError, match="covariance: found a matrix that isn't symmetric"):
         gs.Estimate.of_pose(scan, [1, 2], 0.0, np.eye(3) + 0.1 * np.eye(3, k=1))
+    gs.Estimate.of_pose(scan, [1, 2], 0.0, np.eye(3) + 1e-5 * np.eye(3, k=1))  # of single precision
 
 
 def test_every_text_about_methods_is_that_of_the_registry():

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from gridslam.checks.sights.handovers import LEAST_SIGHTS, Ties
 from gridslam.checks.sights.line_of_sight_filter import Sight
+from gridslam.checks.sights.particles import PAUSE, PAUSE_S
 from gridslam.checks.tables.unit_hypotheses import Suspicion
 from gridslam.world.columns import Columns
 
@@ -31,8 +32,6 @@ MOST_MPS = 30.0
 """Speed from which on one doubts of seconds, too."""
 LEAST_STEPS = 10
 """Steps from which on their numbers are asked what they count."""
-PAUSE, PAUSE_S = 30.0, 3.0
-"""Intervals, and seconds, from which on a pause is told."""
 SET_S = 1e8
 """Three years."""
 LEGS, FEW = 8, 3

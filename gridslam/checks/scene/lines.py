@@ -18,8 +18,8 @@ MUCH = 10.0
 """Times the region's greater side by which no wall reaches out of it."""
 UNITS = {"centimetres": 1e-2, "millimetres": 1e-3}
 """In which walls may be drawn, m."""
-WALKS = 4.0
-"""Deviations of the walk that a clock is told to make, within which a drift passes for one."""
+WALKS, TINY_NS = 4.0, 1e-6
+"""Deviations of the walk that a clock is told to make, within which a drift passes for one; and rounding."""
 MOST_NAMED = 12
 """Anchors up to which each is said of how often it is in sight."""
 
@@ -67,33 +67,34 @@ def hidden_note(scene: Scene) -> str | None:
 
 
 def clock_note(scene: Scene) -> str | None:
-    """Whose true clocks leave what ``[clocks]`` allows for on some agent's way; None if none does.
+    """Whose true offset or drift leaves what ``[clocks]`` allows for on the agents' ways; None if none does.
 
     A filter is told no more than that: it follows such a clock into wrong places, mostly without a word.
+    Walks are learned, and clocks that jump are found again.
     """
     told, beyond = scene.clocks, list[str]()
     ways = [scene.track(agent.name).time_s for agent in scene.agents if agent.waypoints_m is not None]
     if told is None or not ways:
         return None
-    time = np.concatenate(ways)
-    late = np.ptp(time)
-    steady = told.drift_prior_ppb == 0 and told.drift_walk_ppb == 0
+    time = np.sort(np.concatenate(ways))
+    late = float(np.ptp(time))
+    walked = WALKS * np.sqrt(late) * np.array([told.walk_ns, told.drift_walk_ppb])
     devices: list[tuple[Anchor | Agent, float | None]] = [
         *((anchor, told.anchor_prior_ns) for anchor in scene.anchors),
         *((agent, told.agent_prior_ns) for agent in scene.agents),
     ]
     for device, shared in devices:
-        clock = device.clock
-        if clock is None:
+        if device.clock is None:
             continue
-        offset = 1e9 * clock.offset_s(time)
-        first, gone = float(offset[np.argmin(time)]), float(np.ptp(offset))
-        prior = shared if clock.prior_ns is None else clock.prior_ns
-        prior = 0.0 if device.name == told.reference else prior
-        if prior is not None and abs(first) > prior + 1e-9:
-            beyond.append(f"{device.name} begins at {first:g} ns, where {prior:g} are allowed for")
-        if steady and clock.jump_s is None and gone > WALKS * told.walk_ns * np.sqrt(late):
-            beyond.append(f"{device.name} drifts by {gone:.3g} ns in {late:g} s, where drift_prior_ppb is 0")
+        prior = shared if device.clock.prior_ns is None else device.clock.prior_ns
+        prior = 0.0 if device.name == told.reference else prior  # one that is known has no drift either
+        offset = 1e9 * device.clock.model_copy(update={"jump_s": None}).offset_s(time)
+        drift = 0.0 if prior == 0 else told.drift_prior_ppb + walked[1]
+        if prior is not None and abs(offset[0]) > prior + TINY_NS:
+            beyond.append(f"{device.name} begins at {offset[0]:g} ns, where {prior:g} are allowed for")
+        if np.ptp(offset) > walked[0] + drift * late + TINY_NS:
+            allowed = f"where {drift:.3g} ppb are allowed for"
+            beyond.append(f"{device.name} drifts by {np.ptp(offset):.3g} ns in {late:g} s, {allowed}")
     return f"true clocks leave what [clocks] allows for: {'; '.join(beyond)}" if beyond else None
 
 

@@ -110,6 +110,7 @@ def explain(
     steps: int = STEPS,
     crowd: int | None = None,
     sharp: bool = False,
+    across: bool = False,
 ) -> Sight:
     """Follow the agent by line of sight alone over the first steps.
 
@@ -138,6 +139,8 @@ def explain(
         evidence by themselves: only equal numbers can be compared.
     sharp : bool
         Let it turn within a step by far more than ``filter.heading_deg`` says, too.
+    across : bool
+        Follow it across holes in time that steps don't count, too: it may get lost there.
     """
     draw = np.random.default_rng(0)
     some = particles_of(scene, agent, draw, crowd or (1 if error is None else CROWD))
@@ -146,7 +149,7 @@ def explain(
         some = particles_at(starts[:, :2], starts[:, 2], pace)
     if error is not None:
         some[:, column.SIZE] = error.start(len(some), draw)
-    scans = Scans.of(columns, steps)
+    scans = Scans.of(columns, steps, across)
     # of many starts few are left once some steps have told them apart
     few = TOLD_APART if starts is not None else len(scans.step) + 1
     step, draws = scans.by_step(len(some), few, error is not None, draw)

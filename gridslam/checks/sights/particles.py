@@ -17,8 +17,9 @@ from gridslam.world.scene import Scene
 PARTICLES = 300
 TOLD_APART = 12
 """Steps after which as many particles as usual go on from many starts."""
-HOLE, ENOUGH = 30.0, 30
-"""Usual intervals that make a hole in time; steps before it that are enough to judge a table by."""
+PAUSE, PAUSE_S, ENOUGH = 30.0, 3.0, 30
+"""Usual intervals a step, and seconds, from which on a pause is a hole in time; steps before it that are
+enough to judge a table by."""
 FOR_EVER = 2**31
 
 
@@ -46,7 +47,7 @@ class Scans:
     steps: int
 
     @classmethod
-    def of(cls, columns: Mapping[str, NDArray], steps: int) -> Scans:
+    def of(cls, columns: Mapping[str, NDArray], steps: int, across: bool = False) -> Scans:
         """Those of so many steps of a table, from its first.
 
         Parameters
@@ -54,10 +55,12 @@ class Scans:
         columns : dict of (K,) arrays
             Columns as of `gridslam.checks.sights.line_of_sight_filter.explain`, in the order of steps.
         steps : int
+        across : bool
+            Those after a hole in time, too.
         """
         step, anchor = np.asarray(columns["step"], np.intp), np.asarray(columns["anchor"], np.intp)
         begin = int(step[0]) if len(step) else 0
-        steps = min(steps, _before_hole(step, columns.get("time_s")))
+        steps = steps if across else min(steps, _before_hole(step, columns.get("time_s")))
         rows = np.flatnonzero(step < begin + steps)
         rows = rows[np.lexsort((anchor[rows], step[rows]))]
         first = np.flatnonzero(np.diff(step[rows], prepend=-1) | np.diff(anchor[rows], prepend=-1))
@@ -94,18 +97,20 @@ class Scans:
 
 
 def _before_hole(step: NDArray[np.intp], time_s: Array | None) -> int:
-    """Steps before the first hole in time, if they are enough to judge a table by: in it the agent gets lost.
+    """Steps before the first hole in time that steps don't count, if they are enough to judge a table by.
 
-    Steps that are counted one by one don't skip there.
+    The agent goes on meanwhile, and is followed by the numbers of steps: it would get lost there.
     """
     number, first = np.unique(step, return_index=True)
     if time_s is None or len(number) <= ENOUGH or not np.isfinite(time_s).all():
         return FOR_EVER
     with np.errstate(over="ignore"):  # of times that are no seconds, which is told elsewhere
-        gap = np.diff(time_s[first])
-        hole = np.flatnonzero(gap > HOLE * np.median(gap / np.diff(number)))
-    late = hole[hole >= ENOUGH - 1]
-    return int(number[late[0]] + 1 - number[0]) if len(late) and len(late) == len(hole) else FOR_EVER
+        gap = np.diff(time_s[first]) / np.diff(number)
+    usual = float(np.median(gap))
+    hole = np.flatnonzero(gap > max(PAUSE * usual, PAUSE_S))
+    if not usual > 0 or not len(hole) or hole[0] < ENOUGH - 1:
+        return FOR_EVER
+    return int(number[hole[0]] + 1 - number[0])
 
 
 @lru_cache(maxsize=2)

@@ -187,7 +187,7 @@ def _never_seen(table: Columns, scene: Scene, agent: str | None, seen: Sight) ->
     if np.nanmin(seen.shares) >= UNSEEN:
         return []
     whole = int(np.ptp(table["step"])) + 1
-    seen = explain(table, scene, agent, thorough=True, steps=min(whole, LONGEST))
+    seen = explain(table, scene, agent, thorough=True, steps=min(whole, LONGEST), across=True)
     heard = np.bincount(table["anchor"][seen.row], minlength=len(scene.anchors))
     expected = np.nan_to_num(seen.shares) * heard
     names = zip(scene.anchor_names, heard, expected, strict=True)

@@ -32,6 +32,15 @@ def test_clocks_within_their_priors_are_left_in_peace():
     [
         ({"anchor": {"drift_ppb": 5.0, "zigzag_s": None}}, "A drifts by "),
         ({"anchor": {"offset_ns": 40.0, "prior_ns": 30.0}}, "A begins at 40 ns, where 30 are allowed for"),
+        ({"agent": {"drift_ppb": 1000.0}, "clocks": {"drift_prior_ppb": 1.0}}, "agent1 drifts by "),
+        (
+            {
+                "anchor": {"drift_ppb": 200.0, "prior_ns": 0.0, "offset_ns": 0.0, "zigzag_s": None},
+                "clocks": {"drift_prior_ppb": 500.0},
+            },
+            "A drifts by ",
+        ),
+        ({"agent": {"drift_ppb": 1000.0, "jump_s": 5.0}}, "agent1 drifts by "),
         ({"agent": {"offset_ns": -7.0, "prior_ns": 2.0}}, "agent1 begins at -7 ns, where 2 are allowed for"),
     ],
 )

@@ -35,6 +35,19 @@ def test_too_few_steps_before_a_hole_are_followed_across(first, looked_at):
     assert Scans.of(without, 100).steps == 100
 
 
+def test_holes_that_steps_count_are_followed_across():
+    kept = (HEARD.step < 40) | (HEARD.step >= 100)
+    columns = {name: values[kept] for name, values in HEARD.columns.items()}
+    assert Scans.of(columns, 200).steps == 200
+    assert Scans.of(with_hole(40, 100).columns, 200, across=True).steps == 200
+
+
+@pytest.mark.parametrize("time", [0.01 * np.arange(100) + 0.5 * (np.arange(100) > 39), np.arange(100) // 40])
+def test_a_stall_and_times_in_whole_seconds_are_no_holes(time):
+    columns = {"step": np.arange(100), "time_s": time.astype(float), "anchor": np.zeros(100, int)}
+    assert Scans.of(columns, 100).steps == 100
+
+
 def test_irregular_times_have_no_hole():
     draw = np.random.default_rng(1)
     time = np.cumsum(draw.exponential(0.1, 200))

@@ -120,6 +120,7 @@ def find_births(
     births, known = _Births(band, samples, prior, noise, rate), len(prior.mean)
     prior, mode = take_in(births, prior)
     inverse, table = births.at(prior, mode).left
+    births.done()
     return FoundDistances(prior, mode, births.taken + births.weak, inverse, table, known)
 
 
@@ -204,6 +205,10 @@ class _Births:
         least = float(np.log(LEAST_EXISTENCE) - np.log(rate) - ACCEPTED - SOLVED_AGAIN)
         self.open = OpenDistances(band, prior, noise, least, float(self.reach[0]))
         self._stage: _Stage | None = None
+
+    def done(self) -> None:
+        """Let go of the latest stage, which holds this: else both last until garbage is collected."""
+        self._stage = None
 
     def at(self, prior: PathPrior, mode: Mode) -> _Stage:
         """What a prior and its mode leave unexplained."""
