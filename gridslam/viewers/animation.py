@@ -96,6 +96,12 @@ def animate(
     return width, height
 
 
+class _Gif(PillowWriter):
+    def finish(self) -> None:
+        if self._frames:  # else it was stopped before the first, and what stopped it is what counts
+            super().finish()
+
+
 def film_ending() -> str:
     """``.mp4`` where it can be written here (a quarter of the size, and can be stopped), else ``.gif``."""
     return ".mp4" if _ffmpeg() else ".gif"
@@ -117,7 +123,7 @@ def _ffmpeg() -> str | None:
 def _writer(path: Path) -> AbstractMovieWriter:
     kind = path.suffix.lower()
     if kind == ".gif":
-        return PillowWriter(fps=FRAMES_PER_SECOND)
+        return _Gif(fps=FRAMES_PER_SECOND)
     if kind != ".mp4":
         raise InputError(str(path), f"a name that ends in {kind!r}", "a name that ends in .gif or .mp4")
     program = _ffmpeg()

@@ -3,11 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from map_samples import surfaces
+from tiny import TINY
 
 from gridslam.estimate_tables import SurfaceStretches
 from gridslam.maps.map import Map
-from gridslam.viewers.animation import _stretches
+from gridslam.runs.run_files import AgentFiles
+from gridslam.viewers.animation import _stretches, animate
+from gridslam.world.scene import Scene
 
 
 def test_walls_have_their_doors_as_soon_as_they_are_seen_and_lost_ones_are_whole():
@@ -19,3 +23,17 @@ def test_walls_have_their_doors_as_soon_as_they_are_seen_and_lost_ones_are_whole
     np.testing.assert_allclose(now.extent_m, [[0, 4], [0, 2], [3, 5]], atol=0.06)
     np.testing.assert_array_equal(now.surface, [1, 0, 0])
     assert _stretches(replace(final, stretches=None), known) is None
+
+
+def test_a_film_that_is_stopped_before_its_first_frame_ends_as_it_was_stopped(tmp_path, monkeypatch):
+    """Not by what the picture library makes of a film without frames."""
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gridslam.viewers.animation._draw", stop)
+    scene = Scene.from_toml(TINY, "tiny")
+    found = AgentFiles(None, None, None, [object()], None)
+    with pytest.raises(KeyboardInterrupt):
+        animate(scene, found, tmp_path / "film.gif")
+    assert not list(tmp_path.iterdir())
