@@ -175,6 +175,7 @@ def fuse(
     overwrite: Annotated[bool, flag("--overwrite", "replace a file of this name")] = False,
 ) -> None:
     """Make one map of maps that agents made apart from each other."""
+    from gridslam.io.files import new_file
     from gridslam.maps.contradictions import contradictions
     from gridslam.maps.fusion import fuse as fused
     from gridslam.maps.map import Map
@@ -193,7 +194,8 @@ def fuse(
     lost = (note for path in maps for note in lost_makers(path))
     for line in (*contradictions(loaded, names), *lost, *alike_runs(whole)):
         warnings.warn(Note(line), stacklevel=2)
-    whole.save(output)
+    with new_file(output, overwrite) as part:  # whatever has the name, if it was asked to
+        whole.save(part)
     _say(f"wrote {output}: map {whole.in_words()}")
 
 

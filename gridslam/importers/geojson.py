@@ -18,8 +18,11 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate, SurfaceEstimate
 from gridslam.importers.plan_lines import LARGEST_BYTES, MOST_PIECES, Line, unit_m
 from gridslam.io.files import write_bytes
+from gridslam.io.foreign import refuse_foreign_text
 from gridslam.maps.walls import WallSegments
 
+OURS = '{\n "type": "FeatureCollection",\n "features": ['
+"""How a file that is written here begins: indented by one, as no other program's known to us."""
 DEEPEST = 20
 EARTH_M = 6_378_137.0
 FLATTENING = 1 / 298.257223563
@@ -244,7 +247,7 @@ def write_surfaces(
     InputError
         The file can't be written.
     """
-    write_bytes(path, (json.dumps(surfaces(found, walls), indent=1, allow_nan=False) + "\n").encode())
+    _write(path, surfaces(found, walls))
 
 
 def features(found: FeatureEstimate) -> dict[str, object]:
@@ -280,4 +283,9 @@ def write_features(path: str | os.PathLike[str], found: FeatureEstimate) -> None
     InputError
         The file can't be written.
     """
-    write_bytes(path, (json.dumps(features(found), indent=1, allow_nan=False) + "\n").encode())
+    _write(path, features(found))
+
+
+def _write(path: str | os.PathLike[str], content: dict[str, object]) -> None:
+    refuse_foreign_text(path, "a GeoJSON file that was written here", lambda head: head.startswith(OURS))
+    write_bytes(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())

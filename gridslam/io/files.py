@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.io.foreign import refuse_foreign_h5
 from gridslam.io.hdf5_guard import is_hdf5, prove, seal
 from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, refuse_links
 
@@ -201,17 +202,22 @@ def write_files(
 def writing_h5(path: str | os.PathLike[str], kind: str, version: int = 1) -> Iterator[h5py.File]:
     """Open an HDF5 file to fill; it appears under its name when the block ends well.
 
-    The file is built in memory: HDF5 doesn't survive a full disk in good order, plain bytes do.
+    It is built in memory: HDF5 doesn't survive a full disk in good order, plain bytes do.
 
     Parameters
     ----------
     path : path
-        File to write.
     kind : str
         Root attribute ``format``.
     version : int
         Root attribute ``version``.
+
+    Raises
+    ------
+    InputError
+        A file of another kind has this name, or it can't be written.
     """
+    refuse_foreign_h5(path, kind)
     # the format of HDF5 1.8 on has checksums, without which a damaged file can hang the library
     layout = ("v108", "v108")
     with h5py.File(str(path), "w", driver="core", backing_store=False, libver=layout) as file:

@@ -13,7 +13,7 @@ from gridslam.errors import InputError
 from gridslam.io.files import write_bytes
 from gridslam.maps import map_files
 from gridslam.maps.map_cells import MapCells
-from gridslam.maps.nav2 import nav2_files
+from gridslam.maps.nav2 import nav2_files, refuse_foreign_maps
 from gridslam.maps.run_identity import repeated_run
 from gridslam.maps.walls import WallSegments, wall_segments
 from gridslam.wording import counted
@@ -146,9 +146,10 @@ class Map(MapCells):
         Raises
         ------
         InputError
-            The folder can't be written to.
+            The folder can't be written to, or has files of these names that this didn't write.
         """
         folder = map_files.folder_of(directory)
+        refuse_foreign_maps(folder)
         for name, content in self.nav2_files(raw).items():
             write_bytes(folder / name, content())
 

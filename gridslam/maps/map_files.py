@@ -23,6 +23,7 @@ from gridslam.io.files import (
     write_bytes,
     writing_h5,
 )
+from gridslam.io.foreign import begins_as, refuse_foreign_text
 from gridslam.maps.map_anchors import MapAnchors
 from gridslam.maps.map_cells import MapCells, anchors_of
 from gridslam.maps.map_datasets import ANCHORS, FEATURES, GRID, LEVEL_BELIEFS, MAP, SURFACES
@@ -255,12 +256,14 @@ def _anchors_csv(anchors: MapAnchors, path: Path) -> None:
     rows.writerow(names.split(","))
     for name, *numbers in zip(anchors.names, *anchors.columns, strict=True):
         rows.writerow([name, *(f"{number:.9g}" for number in numbers)])
+    refuse_foreign_text(path, "a folder without tables of others", begins_as(names))
     write_bytes(path, buffer.getvalue().encode())
 
 
 def _csv(path: Path, names: str, rows: np.ndarray) -> None:
     buffer = io.StringIO()
     np.savetxt(buffer, rows, fmt="%.9g", delimiter=",", header=names, comments="")
+    refuse_foreign_text(path, "a folder without tables of others", begins_as(names))
     write_bytes(path, buffer.getvalue().replace("nan", "").encode("ascii"))
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gridslam.io.foreign import refuse_foreign_text
 from gridslam.maps.map_cells import MapCells, anchors_of
 from gridslam.maps.walls import WallSegments
 
@@ -26,6 +29,14 @@ side of a wall between two rows of cells at a slant, and free both rows over a m
 CROSSED_NAT = -0.7
 """Evidence of cells that a planner may take for free: their odds were halved. Far more were touched by the
 outermost rays of vague paths, also behind walls that were never heard, and learned next to nothing of."""
+
+NUMBER = r"-?\d+\.\d+"
+OURS = re.compile(
+    r"image: (map|reflection)\.pgm\nmode: (trinary|raw)\n"
+    rf"resolution: {NUMBER}\norigin: \[{NUMBER}, {NUMBER}, 0\.0\]\n"
+    r"negate: 0\noccupied_thresh: 0\.65\nfree_thresh: 0\.196\n"
+)
+"""A description of a map as it is written here; nav2's own writes whole numbers without a point."""
 
 
 def nav2_files(grid: MapCells, walls: Callable[[], WallSegments | None]) -> dict[str, Callable[[], bytes]]:
@@ -53,6 +64,21 @@ def nav2_files(grid: MapCells, walls: Callable[[], WallSegments | None]) -> dict
         "reflection.pgm": lambda: _pgm(_percent(grid)),
         "reflection.yaml": partial(_yaml, grid, "reflection", "raw"),
     }
+
+
+def refuse_foreign_maps(folder: Path) -> None:
+    """Refuse to replace files of these names that are another program's: a SLAM of its own, most likely.
+
+    Raises
+    ------
+    InputError
+        One in the folder isn't as `nav2_files` has it; a picture goes by the ``.yaml`` beside it.
+    """
+    for name in ("map", "reflection"):
+        beside, kind = folder / f"{name}.yaml", "a folder without nav2 maps of other programs"
+        refuse_foreign_text(beside, kind, OURS.fullmatch)
+        described = beside.is_file()
+        refuse_foreign_text(folder / f"{name}.pgm", kind, lambda _, known=described: known)  # type: ignore[misc]
 
 
 def _percent(grid: MapCells) -> NDArray[np.uint8]:

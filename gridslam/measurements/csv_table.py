@@ -18,6 +18,7 @@ import numpy as np
 
 from gridslam.errors import Faults, InputError, Note
 from gridslam.io.files import write_bytes
+from gridslam.io.foreign import begins_as, refuse_foreign_text
 from gridslam.measurements.csv_cells import Marks, Names, is_number, number_of
 from gridslam.measurements.foreign_columns import angles_meant, meant_by
 from gridslam.world.columns import (
@@ -45,6 +46,7 @@ def write_csv(
     path: str | os.PathLike[str], columns: Columns, anchors: Sequence[str], agents: Sequence[str] = ()
 ) -> None:
     """Write a table as CSV: anchors and agents by name, numbers at full precision, empty cells for NaN."""
+    refuse_foreign_text(path, "a table of measurements as it is written here", begins_as(",".join(columns)))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)

@@ -97,6 +97,8 @@ def animate(
 
 
 class _Gif(PillowWriter):
+    _frames: list[Any]
+
     def finish(self) -> None:
         if self._frames:  # else it was stopped before the first, and what stopped it is what counts
             super().finish()

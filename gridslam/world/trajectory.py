@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from gridslam.arrays import Array
 from gridslam.errors import InputError
 from gridslam.io.files import write_bytes
+from gridslam.io.foreign import refuse_foreign_text
 from gridslam.world.geometry import wrap
 from gridslam.world.given import SECONDS, numbers, require_radians
 
@@ -141,8 +142,9 @@ class Trajectory:
         Raises
         ------
         InputError
-            The file can't be written.
+            The file can't be written, or another that isn't as this writes it has the name.
         """
+        refuse_foreign_text(path, "a track that was written here (.tum)", _as_written)
         half = 0.5 * self.heading_rad
         high = ["0"] * len(self) if self.height_m is None else [repr(z) for z in self.height_m.tolist()]
         rows = zip(self.time_s, *self.position_m.T, high, np.sin(half), np.cos(half), strict=True)
@@ -190,6 +192,11 @@ def _of_motion(velocity_mps: Array) -> Array:
         return np.zeros(len(velocity_mps))
     latest = moving[np.maximum(np.searchsorted(moving, np.arange(len(velocity_mps)), side="right") - 1, 0)]
     return np.asarray(np.arctan2(velocity_mps[latest, 1], velocity_mps[latest, 0]))
+
+
+def _as_written(head: str) -> bool:
+    """Whether a file begins as `Trajectory.to_tum` has it."""
+    return head.startswith(f"# {TUM_COLUMNS}\n")
 
 
 def _pose(words: list[str], where: str) -> list[float]:
