@@ -17,7 +17,7 @@ from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.measurements.table import Measurements
 from gridslam.simulation.image_source import TruePaths, Truth, ground_truth
-from gridslam.wording import counted
+from gridslam.wording import counted, time_span
 from gridslam.world.observation import Kind
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
@@ -54,8 +54,8 @@ def with_truth(observations: Known, track: Trajectory | None, where: str) -> Kno
     time = observations.times_s
     slack = 1e-6 * max(observations.interval_s, 1e-3)
     if len(time) and (time[0] < way.time_s[0] - slack or time[-1] > way.time_s[-1] + slack):
-        found = f"a track from {way.time_s[0]:g} to {way.time_s[-1]:g} s"
-        raise InputError(where, found, f"one that covers the steps, {time[0]:g} to {time[-1]:g} s")
+        found = f"a track from {time_span(way.time_s[0], way.time_s[-1])}"
+        raise InputError(where, found, f"one that covers the steps, {time_span(time[0], time[-1])}")
     if len(time) == len(way) and np.allclose(time, way.time_s, rtol=0, atol=slack):
         return replace(observations, truth=replace(way, time_s=time))
     return replace(observations, truth=way.at(time))

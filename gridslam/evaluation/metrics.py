@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from gridslam.errors import InputError
 from gridslam.maps.map import Map
 from gridslam.simulation.image_source import TruePaths
+from gridslam.wording import time_span
 from gridslam.world.geometry import Segments, distance_to_segments, wrap
 from gridslam.world.trajectory import Trajectory
 
@@ -61,8 +62,9 @@ def track_errors(estimate: Trajectory, truth: Trajectory) -> tuple[np.ndarray, n
     """
     slack = 1e-6 * max(1.0, abs(float(truth.time_s[-1])))
     if estimate.time_s[0] < truth.time_s[0] - slack or estimate.time_s[-1] > truth.time_s[-1] + slack:
-        found = f"times {truth.time_s[0]:g} to {truth.time_s[-1]:g} s"
-        raise InputError("truth", found, f"at least {estimate.time_s[0]:g} to {estimate.time_s[-1]:g} s")
+        found = f"times {time_span(truth.time_s[0], truth.time_s[-1])}"
+        needed = time_span(estimate.time_s[0], estimate.time_s[-1])
+        raise InputError("truth", found, f"at least {needed}")
     position = [np.interp(estimate.time_s, truth.time_s, coordinate) for coordinate in truth.position_m.T]
     heading = np.interp(estimate.time_s, truth.time_s, np.unwrap(truth.heading_rad))
     return estimate.position_m - np.stack(position, axis=-1), wrap(estimate.heading_rad - heading)

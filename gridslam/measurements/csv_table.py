@@ -176,7 +176,7 @@ def read_csv(
         def where_in_file(row: int, name: str) -> str:
             return place(path, lines[row], name)
 
-        check_columns(columns, len(known), where_in_file, several, pseudo, named)
+        check_columns(columns, len(known), where_in_file, several, pseudo, named, timed)
     return columns, known, whose
 
 

@@ -117,6 +117,7 @@ def check_columns(
     unlabelled: bool = False,
     pseudo: bool = False,
     in_degrees: Mapping[str, str] | None = None,
+    timed: bool = False,
 ) -> None:
     """Check what the rows of a measurement table must satisfy.
 
@@ -134,6 +135,8 @@ def check_columns(
         Whether offsets of clocks are in the distances, which may then be negative.
     in_degrees : dict of str, optional
         What columns of angles are called that are degrees where they come from.
+    timed : bool
+        Whether the steps were counted by the times, so that what is out of order are times.
 
     Raises
     ------
@@ -154,7 +157,10 @@ def check_columns(
     later = np.concatenate([[False], np.diff(step) > 0])
     same = np.concatenate([[False], np.diff(step) == 0])
     rise = np.concatenate([[0.0], np.diff(time)])
-    refuse(~(later | same) & (np.arange(len(step)) > 0), "step", "steps in rising order")
+    back = ~(later | same) & (np.arange(len(step)) > 0)
+    if timed:
+        refuse(back, "time_s", "times in rising order (sort the rows by time_s)")
+    refuse(back, "step", "steps in rising order")
     refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
     refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
     lowest = -1 if unlabelled else 0

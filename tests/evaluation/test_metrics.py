@@ -230,3 +230,11 @@ def test_scores_take_little_beside_the_map_itself():
         tracemalloc.stop()
     assert None not in scores.values()
     assert peak / grid.observed.size < 30, "bytes a cell; the map has 85"
+
+
+def test_times_that_count_from_1970_are_told_so_that_they_differ():
+    heard, late = (track(1.7e9 + np.array(s), np.zeros((2, 2))) for s in ((0, 0.5), (0.25, 8)))
+    with pytest.raises(
+        InputError, match=r"1700000000.25 to 1700000008 s; .*least 1700000000 to 1700000000.5 s"
+    ):
+        metrics.track_errors(heard, late)

@@ -162,6 +162,14 @@ def test_csv_fault_is_told_with_its_line(tmp_path, text, where, says):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.filterwarnings("ignore::gridslam.errors.Note")
+def test_unsorted_rows_without_steps_are_told_by_their_times(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,anchor,distance_m\n0,A,2\n0.2,A,2\n0.1,A,2")
+    with pytest.raises(InputError, match=r"line 4: time_s: found 0.1; allowed: .*sort the rows by time_s"):
+        Measurements.from_csv(path, ["A"])
+
+
 @pytest.mark.parametrize("name", ["robot", "tag", "tag_id", "Device", "device_id", "node", "node_id"])
 def test_a_column_of_devices_is_answered_with_agent(tmp_path, name):
     path = tmp_path / "a.csv"
