@@ -95,7 +95,7 @@ def require_same_world(scene: Scene, agent: str, times_s: Array, truth: Truth) -
         allowed = f"gs.ground_truth(run.scene, {agent!r}), or a Trajectory"
         raise InputError("truth", _other_walls(scene, truth), allowed)
     known, count = truth.trajectory.time_s, len(times_s)
-    slack = 1e-6 * max(1.0, float(np.abs(times_s).max(initial=0.0)))
+    slack = 1e-6 * max(1.0, float(np.ptp(times_s)) if count else 0.0)
     if len(known) < count or (np.abs(known[:count] - times_s) > slack).any():
         found = f"{counted(len(known), 'step')} at other times than the run's {count}"
         raise InputError("truth", found, "a track with a pose for each step of the run, or a Trajectory")

@@ -60,7 +60,7 @@ def track_errors(estimate: Trajectory, truth: Trajectory) -> tuple[np.ndarray, n
     InputError
         The truth doesn't cover the estimate's times.
     """
-    slack = 1e-6 * max(1.0, abs(float(truth.time_s[-1])))
+    slack = 1e-6 * max(1.0, float(np.ptp(truth.time_s)))  # not of the times: they may count from 1970
     if estimate.time_s[0] < truth.time_s[0] - slack or estimate.time_s[-1] > truth.time_s[-1] + slack:
         found = f"times {time_span(truth.time_s[0], truth.time_s[-1])}"
         needed = time_span(estimate.time_s[0], estimate.time_s[-1])
