@@ -124,6 +124,7 @@ def export(
         named = f"{output.name!r}, which is called as a file is"
         allowed = "the name of a folder: nav2 map, pictures, tables and walls are written into it"
         raise InputError("-o", named, allowed)
+    map_in(map_file)
     if not map_file.exists():
         raise InputError(str(map_file), "nothing of this name", "a map (.h5) or a run's folder")
     run = read_run(map_file) if (map_file / "run.json").is_file() else None

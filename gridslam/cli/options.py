@@ -43,9 +43,18 @@ def flag(name: str, meaning: str = "", **more: Any) -> Any:
 
 
 def map_in(path: Path | None) -> Path | None:
-    """A map's file, see `map_files.file_of`."""
-    from gridslam.maps.map_files import file_of
+    """A map's file, see `map_files.file_of`.
 
+    Raises
+    ------
+    InputError
+        Nothing stands there but the checkpoint of a run, whose map comes when it goes on to its end.
+    """
+    from gridslam.maps.map_files import file_of
+    from gridslam.runs.parts import refuse_unfinished
+
+    if path is not None:
+        refuse_unfinished(path)
     return file_of(path) if path is not None else None
 
 
