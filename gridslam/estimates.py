@@ -13,7 +13,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import HypothesisEstimate, PathEstimate, RingEstimate, SurfaceEstimate
 from gridslam.wording import counted
 from gridslam.world.geometry import wrap
-from gridslam.world.given import numbers
+from gridslam.world.given import MOST_RAD, numbers
 from gridslam.world.observation import Observation
 
 ANY_SPEED_MPS = 10.0
@@ -177,7 +177,7 @@ class Estimate:
             Gives step and time.
         position_m, velocity_mps : (2,); m, m/s
         heading_rad : float, rad
-            Is wrapped.
+            Is wrapped. Beyond four turns it is refused, as degrees are: whoever sums up turns wraps the sum.
         covariance : (5, 5) or (3, 3)
             Of [x, y, vx, vy, heading]; or of [x, y, heading] where nothing is known of the velocity, which
             then gets a standard deviation of 10 m/s.
@@ -188,8 +188,8 @@ class Estimate:
         Raises
         ------
         InputError
-            Arrays of other shapes, numbers that aren't finite, or a covariance of negative variances, or
-            that isn't symmetric.
+            Arrays of other shapes, numbers that aren't finite, a heading in degrees, or a covariance
+            of negative variances, or that isn't symmetric.
         """
         position = numbers(position_m, "estimate: position_m")
         velocity = numbers(velocity_mps, "estimate: velocity_mps")
@@ -216,6 +216,9 @@ class Estimate:
         for name, array in (*((n, a) for n, (a, _) in shapes.items()), ("heading_rad", np.array(heading))):
             if not np.isfinite(array).all():
                 raise InputError(f"estimate: {name}", "NaN or infinity", "finite numbers")
+        if abs(heading) > MOST_RAD:
+            allowed = "radians, four turns at most (of a sum: np.arctan2(np.sin(sum), np.cos(sum)))"
+            raise InputError("estimate: heading_rad", f"{heading:g}", allowed)
         values = np.linalg.eigvalsh(0.5 * (square + square.T))
         std = np.sqrt(np.maximum(square.diagonal(), 0.0))
         if (np.abs(square - square.T) > SYMMETRIC * np.outer(std, std)).any():

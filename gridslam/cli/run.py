@@ -52,6 +52,8 @@ if TYPE_CHECKING:
     from gridslam.world.observation import Kind
     from gridslam.world.scene import Scene
 
+    Explored = tuple[list[Run], list[Observations], bool, Exception | None]
+
 err = Console(stderr=True)
 
 
@@ -155,13 +157,13 @@ def _run_in_turn(asked: Asked) -> None:
             resolved = {"agent": plan.names, "particles": world.filter.particles, "start": plan.how}
             earlier = unfinished(asked.context, place, world, plan.system, resolved)
             turns = Turns(world, plan.method, asked.seed, plan.how, known, given, view, earlier)
-            runs, observations, stopped = _explore(turns, plan.names)
+            runs, observations, stopped, fault = _explore(turns, plan.names)
             if stopped and earlier:
                 go_on_later(folder, earlier, termination)
             done, late = _concluded(asked, plan, given, runs, observations, [*read, *before])
             if done.lacks and earlier:
                 go_on_later(folder, earlier, termination)
-            finish(folder, place, world, done, stopped or late, termination)
+            finish(folder, place, world, done, stopped or late, termination, fault)
 
 
 def _recorded(asked: Asked, plan: Plan) -> tuple[dict[str, Observations], Observations | None]:
@@ -217,11 +219,10 @@ def _concluded(
 
 def _taken_note(asked: Asked, plan: Plan) -> str | None:
     """Whose a file is taken to be, where nobody said so and the scene has several agents."""
-    others = [agent.name for agent in asked.world.agents if agent.name not in plan.names]
+    mine, others = plan.names[0], [one.name for one in asked.world.agents if one.name not in plan.names]
     if asked.agent or plan.unsaid is None or not others:
         return None
-    taken = f"taken for {plan.names[0]}'s, the scene's first agent"
-    return f"{plan.unsaid}: {taken}; else: --agent {' or '.join(others)}"
+    return f"{plan.unsaid}: taken for {mine}'s, the scene's first agent; else: --agent {' or '.join(others)}"
 
 
 @dataclass(frozen=True)
@@ -255,10 +256,10 @@ class Turns:
     earlier: Unfinished | None
 
 
-def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observations], bool]:
-    """Run the agents one after the other, and say whether they were stopped; Ctrl-C ends the list early.
+def _explore(turns: Turns, names: list[str]) -> Explored:
+    """Run the agents in turn, and say whether they were stopped and what somebody's own step raised.
 
-    It raises only if the list is empty and nothing is there to go on from.
+    Either ends the list early. It raises only if the list is empty and nothing is there to go on from.
 
     Raises
     ------
@@ -268,12 +269,11 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     from gridslam.maps.run_identity import first_identity, refuse_heard
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
-    from gridslam.runs.stopping import StoppedLate
+    from gridslam.runs.stopping import StoppedLate, run_before
     from gridslam.simulation.simulate import observations_of
     from gridslam.world.start import assumed_start
 
     world, method, seed, earlier, view = turns.world, turns.method, turns.seed, turns.earlier, turns.view
-    takes = taken_by(method_class(method))
     runs: list[Run] = []
     observations: list[Observations] = []
 
@@ -282,7 +282,7 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
         observed = turns.recorded.get(names[number]) if observed is None else observed
         if observed is None:
             with busy(f"simulating {names[number]}"):
-                observed = observations_of(world, names[number], seed, takes)
+                observed = observations_of(world, names[number], seed, taken_by(method_class(method)))
         return observed
 
     try:
@@ -296,16 +296,19 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
             watch = view.follow(name, observed.truth) if view else None
             with progress_bar(name, observed.truth, err) as tell:
                 prior = runs[-1].map if runs else turns.given
-                start = assumed_start(world, name, seed, turns.how)
                 observations.append(observed)
                 try:
                     done = map_scene(
-                        world, observed, method, name, seed, prior, tell, watch=watch, start=start,
-                        checkpoint=own,
+                        world, observed, method, name, seed, prior, tell, watch=watch,
+                        start=assumed_start(world, name, seed, turns.how), checkpoint=own,
                     )  # fmt: skip
                 except StoppedLate as late:  # it is whole all the same
                     runs.append(late.run)
                     raise
+                except Exception as error:
+                    if earlier or run_before(error) is None:
+                        raise
+                    return [*runs, run_before(error)], observations, False, error
                 runs.append(done)
             if view:
                 view.show_map(done.map)
@@ -314,8 +317,8 @@ def _explore(turns: Turns, names: list[str]) -> tuple[list[Run], list[Observatio
     except KeyboardInterrupt:
         if not (runs or earlier):
             raise
-        return runs, observations[: len(runs)], True
-    return runs, observations, runs[-1].interrupted
+        return runs, observations[: len(runs)], True, None
+    return runs, observations, runs[-1].interrupted, None
 
 
 def _progress(runs: list[Run], observations: list[Observations], names: list[str]) -> str:

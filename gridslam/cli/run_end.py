@@ -137,10 +137,15 @@ def go_on_later(folder: Path, earlier: Unfinished, termination: Termination) -> 
 
 
 def finish(
-    folder: Path, place: Place, world: Scene, done: Done, stopped: bool, termination: Termination
-) -> None:
-    """Write the folder, say what is in it, and end with the exit code of whatever stopped the run."""
+    folder: Path, place: Place, world: Scene, done: Done, stopped: bool, termination: Termination,
+    fault: Exception | None = None,
+) -> None:  # fmt: skip
+    """Write the folder, say what is in it, and end with the exit code or fault of what stopped the run."""
     drawn = _written(folder, place, world, done)
+    if fault is not None:
+        line = f"broke off after {done.progress}: {folder} holds what was done"
+        err.print(line, highlight=False, markup=False, soft_wrap=True)
+        raise fault
     if drawn and not stopped and done.lacks is None:
         return
     figures = "" if drawn else f"figures (gridslam plot {folder})"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,7 @@ from gridslam.runs.heard_stretches import map_so_far
 from gridslam.runs.run import Run
 from gridslam.runs.step_files import storable
 from gridslam.runs.steps import resumed_or_started, run_steps
-from gridslam.runs.stopping import StoppedLate, held_back
+from gridslam.runs.stopping import StoppedLate, held_back, keep_with
 from gridslam.runs.unfinished import AgentCheckpoint
 from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, taken_by
 from gridslam.systems.slam import Slam, built, stepped
@@ -93,6 +93,8 @@ def map_scene(
 
     Raises
     ------
+    Exception
+        What a step of a method of one's own raised; `gridslam.runs.stopping.run_before` has the steps before.
     InputError
         No scene, unknown method or agent, a class that is no method, a step that returns no estimate, a
         number of particles out of range, a map of another frame, measurements of anchors that aren't the
@@ -123,10 +125,12 @@ def map_scene(
         found, checkpoint, lambda: _started(found, scene, prior_map, agent, seed, told, waveform)
     )
     with _watcher(progress, slam.agent, measurements) as tell:
-        done = run_steps(_stepping(slam), slam, measurements, before, tell, watch, checkpoint)
+        own = not type(slam).__module__.startswith("gridslam.")
+        done = run_steps(_stepping(slam), slam, measurements, before, tell, watch, checkpoint, own)
     with held_back() as asked:  # a map of many cells takes a moment
         estimates = done.estimates
-        last, final_map = estimates[-1], stamped(map_so_far(slam, estimates, prior_map), scene)
+        with _after(done.fault):
+            last, final_map = estimates[-1], stamped(map_so_far(slam, estimates, prior_map), scene)
         surfaces = last.surfaces.take(last.detected)
         if final_map.surfaces is not None and not any(len(e.surfaces) for e in estimates):
             surfaces = final_map.surfaces  # of features: no step tells them
@@ -148,9 +152,23 @@ def map_scene(
             interrupted=len(estimates) < len(measurements),
             unheard=_unheard(measurements, len(estimates)),
         )
+    if done.fault is not None:
+        keep_with(done.fault, run)
+        raise done.fault
     if asked.is_set():
         raise StoppedLate(run)
     return run
+
+
+@contextmanager
+def _after(fault: Exception | None) -> Iterator[None]:
+    """Let what a step raised pass where the map fails after it, too."""
+    try:
+        yield
+    except Exception:
+        if fault is not None:
+            raise fault from None
+        raise
 
 
 def _stepping(slam: Slam) -> Callable[[Observation], Estimate]:

@@ -40,11 +40,14 @@ class Steps(Generic[Estimated]):
         Wall-clock time of each, s.
     peak_memory_mb : float
         Greatest resident memory after a step, MiB.
+    fault : Exception or None
+        What the step after them raised.
     """
 
     estimates: list[Estimated] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     peak_memory_mb: float = 0.0
+    fault: Exception | None = None
 
     @property
     def seconds_per_step(self) -> float:
@@ -77,6 +80,7 @@ def run_steps(
     progress: Progress[Estimated] | None,
     watch: Watch[Estimated] | None,
     checkpoint: AgentCheckpoint | None,
+    keep: bool = False,
 ) -> Steps[Estimated]:
     """Take all steps that are left.
 
@@ -92,6 +96,8 @@ def run_steps(
         Of `resumed_or_started`: those that needn't be taken again.
     progress, watch, checkpoint
         As those of `gridslam.map_scene`.
+    keep : bool
+        Whether a step that fails ends the run with those before it, if there are any.
 
     Returns
     -------
@@ -110,7 +116,12 @@ def run_steps(
     with asked_to_stop() as stopped:
         for scan in islice(iter(scans), len(estimates), None):
             began = time.perf_counter()
-            estimates.append(step(scan))
+            try:
+                estimates.append(step(scan))
+            except Exception as error:
+                if not (keep and estimates):
+                    raise
+                return Steps(estimates, seconds, peak, error)
             seconds.append(time.perf_counter() - began)
             peak = max(peak, process.memory_info().rss / MIB)
             try:

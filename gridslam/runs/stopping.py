@@ -26,6 +26,32 @@ class StoppedLate(KeyboardInterrupt):
         self.run = run
 
 
+class Kept:
+    """A run as far as it got before a step failed, kept with what the step raised; never sent elsewhere.
+
+    Attributes
+    ----------
+    run : Run or None
+    """
+
+    def __init__(self, run: Any = None) -> None:
+        self.run = run
+
+    def __reduce__(self) -> tuple[type[Kept], tuple[()]]:
+        """Travel without the run, which may be large."""
+        return type(self), ()
+
+
+def keep_with(error: Exception, run: Any) -> None:
+    """Let `run_before` find a run by the error that ended it."""
+    error.run_before = Kept(run)  # type: ignore[attr-defined]
+
+
+def run_before(error: Exception) -> Any:
+    """The run as far as it got before the step of somebody's method raised an error, or None."""
+    return getattr(error, "run_before", Kept()).run
+
+
 class Termination:
     """Handler of SIGTERM that interrupts like Ctrl-C, and keeps in mind that it was asked to."""
 

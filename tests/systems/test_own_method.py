@@ -2,6 +2,7 @@
 
 import ast
 import json
+import pickle
 import re
 import shutil
 from dataclasses import replace
@@ -15,6 +16,7 @@ from tiny import TINY
 import gridslam as gs
 from gridslam.bench import bench
 from gridslam.bench.plan import QUICK
+from gridslam.runs.stopping import run_before
 from gridslam.systems import registry
 from gridslam.systems.registry import METHODS, method_class
 
@@ -312,3 +314,35 @@ def test_examples_use_the_public_face_alone():
                 assert not any(alias.name.startswith("gridslam.") for alias in node.names), file
             if isinstance(node, ast.ImportFrom):
                 assert not str(node.module).startswith("gridslam."), file
+
+
+@pytest.mark.parametrize("fault", [ZeroDivisionError("theirs"), gs.InputError("Toy", "NaN", "numbers")])
+def test_a_step_that_fails_costs_none_of_those_before_it(say, tiny, tmp_path, monkeypatch, fault):
+    """The error is passed on as it is: it is theirs."""
+
+    def step(self, scan):
+        if scan.step == 2:
+            raise fault
+        return Least.step(self, scan)
+
+    monkeypatch.setattr("gridslam.systems.registry._imported", lambda path, where: spoiled(step=step))
+    words = ("run", tiny, "--agent", "agent1", "--method", "any:Toy", "-o", "r")
+    if isinstance(fault, gs.InputError):
+        assert say(*words).code == 2
+    else:
+        with pytest.raises(ZeroDivisionError, match="theirs"):
+            say(*words)
+    summary = json.loads((tmp_path / "r" / "run.json").read_text())
+    assert summary["agents"]["agent1"]["steps"] == 2
+    assert summary["notes"][0].startswith("cut short after 2 of ")
+    assert len(gs.Trajectory.from_tum(tmp_path / "r" / "agent1" / "trajectory.tum")) == 2
+
+
+def test_what_a_step_raised_has_the_run_before_it_but_takes_it_to_no_other_process():
+    def step(self, scan):
+        return Least.step(self, scan) if scan.step < 2 else 1 / 0
+
+    with pytest.raises(ZeroDivisionError) as caught:
+        gs.map_scene(SCENE, MEASUREMENTS, spoiled(step=step))
+    assert len(run_before(caught.value).estimates) == 2
+    assert run_before(pickle.loads(pickle.dumps(caught.value))) is None

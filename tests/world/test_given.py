@@ -130,7 +130,9 @@ def test_headings_that_are_added_up_over_many_turns_are_radians():
     between = track.at(seconds[1:-1] + 0.05)
     np.testing.assert_allclose(np.cos(between.heading_rad), np.cos(turns[1:-1] + 6 * np.pi / 399), atol=1e-3)
     scan = next(iter(gs.simulate(gs.Scene.load("screen"), "agent1", seed=1, what="signal")))
-    assert abs(gs.Estimate.of_pose(scan, [0.0, 0.0], 30.0, np.eye(3)).heading_rad) <= np.pi
+    assert abs(gs.Estimate.of_pose(scan, [0.0, 0.0], 20.0, np.eye(3)).heading_rad) <= np.pi
+    with pytest.raises(gs.InputError, match=r"heading_rad: found 90; allowed: radians, four turns .* sum"):
+        gs.Estimate.of_pose(scan, [0.0, 0.0], 90.0, np.eye(3))  # one alone may be of no walk
 
 
 @pytest.mark.parametrize(
