@@ -207,6 +207,18 @@ def whole_walls_notes(runs: Sequence[Run]) -> list[str]:
     return [] if note is None else [note + unhit_words(unhit(runs[-1].map.wall_segments()))]
 
 
+def heading_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
+    """Whose headings nothing tells, which tracks can't say of themselves."""
+    from gridslam.evaluation.ground_truth import untold_heading
+    from gridslam.systems.registry import METHODS
+
+    each = zip(runs, observations, strict=True)
+    said = [
+        (run.agent, untold_heading(world, run.agent, heard)) for run, heard in each if run.method in METHODS
+    ]
+    return [f"{name}: {why}" for name, why in said if why]
+
+
 def silence_notes(
     world: Scene,
     earlier: Map | None,
@@ -214,13 +226,13 @@ def silence_notes(
     observations: Sequence[Observations],
     file: Path | None,
 ) -> list[str]:
-    """Where nothing was heard for long; which anchors an earlier map says are in sight, and aren't heard."""
+    """Where nothing was heard for long, or of headings; which anchors by an earlier map should be heard."""
     from gridslam.checks.runs.silent_sights import silent_sights
     from gridslam.measurements.table import Measurements
     from gridslam.runs.notes import silence_note
 
     long = [silence_note(run.agent, run.unheard, len(run.estimates)) for run in runs]
-    notes = [note for note in long if note]
+    notes = [*(note for note in long if note), *heading_notes(world, runs, observations)]
     for run, heard in zip(runs, observations, strict=True):
         if earlier is None or not isinstance(heard, Measurements):
             continue

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from gridslam.cli.doubts import map_notes, truth_notes, unknown_notes, whole_walls_notes
+from gridslam.cli.doubts import heading_notes, map_notes, truth_notes, unknown_notes, whole_walls_notes
 from gridslam.cli.observed import hints, noted, simulated_note, source, view_of
 from gridslam.cli.output import interruptible, reserved
 from gridslam.cli.resume import unfinished
@@ -137,6 +137,7 @@ def _concluded(
         runs = list(done.runs.values())
         observed: list[Observations] = [heard[run.agent] for run in runs]
     notes = [lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs)]
+    notes.append(lambda: heading_notes(asked.world, runs, observed))
     if asked.measurements is not None:
         notes += [
             lambda: truth_notes(asked.world, runs, observed),

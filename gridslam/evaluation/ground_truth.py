@@ -181,6 +181,18 @@ def tells_heading(scene: Scene, agent: str, takes: Kind = "paths") -> bool:
     return not blind and "aoa" in scene.radio.measures
 
 
+def untold_heading(scene: Scene, agent: str, observed: Measurements | Recording) -> str | None:
+    """What headings of a method of ours are where nothing that was heard tells them; None where it does."""
+    if isinstance(observed, Recording):
+        sensed = scene.agent(agent).heading_sensor_deg is not None
+        if sensed or not has_single_antennas(scene, agent):
+            return None
+        return "headings are directions of motion: nothing that was heard tells them"
+    if np.isfinite(observed.columns.get("aoa_rad", np.nan)).any():
+        return None
+    return "headings are unknown: no angle of arrival was measured"
+
+
 def walls_tell_all(scene: Scene, takes: Kind) -> bool:
     """Whether bounds, which count paths of walls alone, are bounds of a method.
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from gridslam.errors import InputError, Unwritten
 from gridslam.estimates import Estimate
+from gridslam.evaluation.ground_truth import untold_heading
 from gridslam.io.files import cannot_write, write_bytes
 from gridslam.maps.map import Map
 from gridslam.measurements.observations import NAMES, Observations, kind_of, read_observations
@@ -27,7 +28,7 @@ from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.runs.stopping import held_back
 from gridslam.runs.summary import hold
-from gridslam.systems.registry import particles_of
+from gridslam.systems.registry import METHODS, particles_of
 from gridslam.world.names import folder_fault
 from gridslam.world.scene import Scene
 from gridslam.world.start import Start
@@ -249,7 +250,8 @@ def _fill(
         if not attempt(own, Path.mkdir):
             continue
         attempt(f"{own}/{NAMES[kind_of(observed)]}", observed.to_h5)
-        attempt(f"{own}/trajectory.tum", run.trajectory.to_tum)
+        told = untold_heading(scene, own, observed) if run.method in METHODS else None
+        attempt(f"{own}/trajectory.tum", lambda path, run=run, told=told: run.trajectory.to_tum(path, told))  # type: ignore[misc]
         if observed.truth is not None:
             attempt(f"{own}/truth.tum", observed.truth.to_tum)
         attempt(f"{own}/steps.h5", lambda path, run=run: write_steps(path, run.estimates))  # type: ignore[misc]

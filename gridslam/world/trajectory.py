@@ -136,8 +136,14 @@ class Trajectory:
         high = None if self.height_m is None else np.interp(time_s, self.time_s, self.height_m)
         return Trajectory(time_s, np.stack([x, y], -1), np.stack([vx, vy], -1), wrap(heading), high)
 
-    def to_tum(self, path: str | os.PathLike[str]) -> None:
+    def to_tum(self, path: str | os.PathLike[str], remark: str | None = None) -> None:
         """Write ``timestamp tx ty tz qx qy qz qw`` lines at full precision; ``tz`` is 0 in a plane.
+
+        Parameters
+        ----------
+        path : path
+        remark : str, optional
+            One line behind the names of the columns, as that nothing tells headings: TUM has no room for it.
 
         Raises
         ------
@@ -148,7 +154,7 @@ class Trajectory:
         half = 0.5 * self.heading_rad
         high = ["0"] * len(self) if self.height_m is None else [repr(z) for z in self.height_m.tolist()]
         rows = zip(self.time_s, *self.position_m.T, high, np.sin(half), np.cos(half), strict=True)
-        lines = [f"# {TUM_COLUMNS}"] + [
+        lines = [f"# {TUM_COLUMNS}", *([f"# {remark}"] if remark else [])] + [
             f"{float(t)!r} {float(x)!r} {float(y)!r} {z} 0 0 {float(s)!r} {float(c)!r}"
             for t, x, y, z, s, c in rows
         ]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from run_samples import hall, some_measurements, write
 from scene_samples import raised
+from tiny import TINY
 
 import gridslam as gs
 from gridslam.runs.map_scene import believed_track
@@ -61,3 +62,20 @@ def test_estimated_heights_and_their_deviations_are_columns():
     assert table["true_height_m"].tolist() == [0.0, 1.0, 2.0]
     assert abs(table["true_heading_rad"][2]) == pytest.approx(np.pi, abs=1e-9)  # half the way over pi
     assert track_columns(poses, believed_track(poses, 1.2))["height_std_m"].tolist() == [0.0] * 3
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_figures")
+def test_tracks_and_notes_say_that_nothing_tells_headings(tmp_path, say):
+    """A TUM file can't: it has a heading at each step, and no deviation."""
+    (tmp_path / "ranges.toml").write_text(f'{TINY}[radio]\nmeasures = ["distance"]\n')
+    (tmp_path / "tiny.toml").write_text(TINY)
+    for name, method in (("ranges", "va"), ("tiny", "adaptive")):
+        words = ("run", f"{name}.toml", "--agent", "agent1", "--method", method, "--particles", "100")
+        result = say(*words, "-o", name)
+        assert result.code == 0, result.err
+        head = (tmp_path / name / "agent1" / "trajectory.tum").read_text().splitlines()[:2]
+        told = "headings are unknown: no angle of arrival was measured"
+        assert (head[1] == f"# {told}") is (name == "ranges")
+        assert (f"agent1: {told}" in result.out) is (name == "ranges")
+        assert len(gs.Trajectory.from_tum(tmp_path / name / "agent1" / "trajectory.tum")) == 3
