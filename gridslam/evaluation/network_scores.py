@@ -1,7 +1,7 @@
 """How good a network's clocks and labels are, by what can be observed.
 
 Offsets of clocks have a common part that no measurement tells of (docs/model.md, (M101)). So they are
-judged by pairs (apparent biases), and with that part removed.
+judged by pairs (apparent biases), and with that part removed, unless a reference clock says what it is.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 
 SYNCHRONISED_S = 3e-9
-"""Error, common part removed, within which a clock counts as set."""
+"""Error, common part removed (without a reference), within which a clock counts as set."""
 
 
 def apparent_biases(offset: Array, anchors: int) -> Array:
@@ -37,15 +37,20 @@ def without_common(error: Array) -> Array:
     return np.asarray(error - error.mean(-1, keepdims=True))
 
 
+def told_errors(error: Array, reference: str | None) -> Array:
+    """Errors of offsets (..., D) that measurements tell of: all by a reference, else `without_common`."""
+    return without_common(error) if reference is None else np.asarray(error)
+
+
 def steps_to_synchronise(error_s: Array, limit_s: float = SYNCHRONISED_S) -> list[int | None]:
     """First step from which on each clock stays within the limit; None for one that ends beyond.
 
     Parameters
     ----------
     error_s : (N, D) s
-        Estimated minus true offsets.
+        Estimated minus true offsets, of `told_errors`.
     """
-    wrong = np.abs(without_common(error_s)) > limit_s
+    wrong = np.abs(error_s) > limit_s
     steps = [np.flatnonzero(column) for column in wrong.T]
     last = [int(own[-1]) + 1 if len(own) else 0 for own in steps]
     return [None if step == len(wrong) else step for step in last]

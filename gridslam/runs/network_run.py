@@ -79,7 +79,7 @@ class NetworkRun:
             apparent_biases,
             label_errors,
             steps_to_synchronise,
-            without_common,
+            told_errors,
         )
 
         scores: dict[str, Any] = blank(NETWORK)
@@ -91,7 +91,9 @@ class NetworkRun:
             scores["apparent_bias_rmse_ps"] = PS * rmse(
                 apparent_biases(error, self.clocks.anchors)[late].ravel()
             )
-            scores["bias_rmse_without_common_ps"] = PS * rmse(without_common(error)[late].ravel())
+            settled = next(iter(self.runs.values())).scene.clocks
+            error = told_errors(error, settled.reference if settled is not None else None)
+            scores["bias_rmse_without_common_ps"] = PS * rmse(error[late].ravel())
             scores["steps_to_synchronise"] = dict(zip(names, steps_to_synchronise(error), strict=False))
         if truth is not None:
             scene = next(iter(self.runs.values())).scene

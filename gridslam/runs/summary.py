@@ -170,13 +170,15 @@ NETWORK = (
          "root mean square error of the clocks' offsets between anchors and agents, as distances hold them,"
          " from step 101 on (of short runs the second half)", NO_CLOCKS),
     _rms("bias_rmse_without_common_ps", "ps",
-         "the same of every clock's offset, less what all have in common, which nothing tells", NO_CLOCKS),
+         "the same of every clock's offset, less what all have in common, which nothing tells but a"
+         " `reference`", NO_CLOCKS),
     _rms("bound_ps", "ps", "Cramér-Rao bound of the first", "recorded"),
     _rms("position_bound_m", "m",
          "that of the agents' positions from the same step on, map and clocks unknown: not that of"
          " `agents.NAME`, whose map is known", "recorded"),
     _count("steps_to_synchronise.ANCHOR",
-           "step from which on its clock stays within 3 ns (less what all have in common)",
+           "step from which on its clock stays within 3 ns (without a `reference`: less what all have in"
+           " common)",
            f"it ends beyond, or {NO_CLOCKS}"),
     _count("label_errors", "measurements that were believed to be of a wrong anchor", "recorded"),
     _count("labels_judged", "of how many", "recorded"),

@@ -21,10 +21,13 @@ WALL = "#BBBBBB"
 NS = 1e9
 
 
-def draw_clocks(clocks: ClockTrack, truth: ClockTruth | None, width: float = PAGE_IN) -> Figure:
+def draw_clocks(
+    clocks: ClockTrack, truth: ClockTruth | None, width: float = PAGE_IN, reference: str | None = None
+) -> Figure:
     """Offsets over time, and errors with three deviations where the truth is known.
 
-    Errors and deviations are those without what all clocks have in common, which nothing tells of.
+    Without a reference clock, errors and deviations are those without what all clocks have in common, which
+    nothing tells of.
     """
     figure = blank(width, (0.67 if truth is not None else 0.39) * width)
     rows = figure.subplots(2 if truth is not None else 1, 1, sharex=True, squeeze=False)[:, 0]
@@ -34,7 +37,7 @@ def draw_clocks(clocks: ClockTrack, truth: ClockTruth | None, width: float = PAG
         rows[0].plot(clocks.time_s, NS * clocks.offset_s[:, number], style, color=colour, lw=1.2, label=name)
     rows[0].set_ylabel("offset (ns)")
     if truth is not None:
-        rest = np.eye(devices) - 1 / devices
+        rest = np.eye(devices) - (1 / devices if reference is None else 0.0)
         error = clocks.errors(truth) @ rest
         spread = np.sqrt(np.maximum(np.einsum("ij,njk,ik->ni", rest, clocks.covariance_s2, rest), 0))
         for number in range(devices):
@@ -44,7 +47,7 @@ def draw_clocks(clocks: ClockTrack, truth: ClockTruth | None, width: float = PAG
             rows[1].plot(clocks.time_s, NS * error[:, number], color=colour, lw=0.9)
         settled = NS * np.abs(error[len(error) // 10 :]).max(initial=1e-10)
         rows[1].set_ylim(-2 * settled, 2 * settled)
-        rows[1].set_ylabel("error without the\ncommon part (ns)")
+        rows[1].set_ylabel("error without the\ncommon part (ns)" if reference is None else "error (ns)")
     rows[-1].set_xlabel("time (s)")
     handles: list[Artist] = list(rows[0].get_legend_handles_labels()[0])
     if truth is not None:

@@ -262,8 +262,9 @@ def draw_all(
             attempt(f"{name}-{title}", draw)
         earlier += [t for t in [truths[name]] if t is not None and not shared]
     if shared:
-        clocks = Path(directory) / network_files.H5
-        attempt("clocks", lambda: network_plots.draw_clocks(*network_files.read_clocks(clocks), width))
+        clocks, known = Path(directory) / network_files.H5, run.scene.clocks
+        by = known.reference if known is not None else None
+        attempt("clocks", lambda: network_plots.draw_clocks(*network_files.read_clocks(clocks), width, by))
         attempt("tracks", lambda: network_plots.draw_tracks(run, width))
         attempt("labels", lambda: network_plots.draw_labels(run, width))
     written = write_files(folder, files, faults) if files else []

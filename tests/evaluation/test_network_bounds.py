@@ -12,6 +12,7 @@ from gridslam.evaluation.network_scores import (
     apparent_biases,
     label_errors,
     steps_to_synchronise,
+    told_errors,
     without_common,
 )
 from gridslam.simulation.network import shared_air
@@ -92,8 +93,12 @@ def test_scores_of_clocks_don_t_see_the_common_part():
     np.testing.assert_array_equal(apparent_biases(offset + 9, 2), [[[2.0, 4.0]]])
     np.testing.assert_allclose(without_common(offset + 9), offset - 3)
     error = 1e-9 * np.array([[9.0, 0, 0], [0, 0, 0], [4, 4, 4], [0, 0, -9]])
-    assert steps_to_synchronise(error[:3]) == [1, 1, 1]
-    assert steps_to_synchronise(error) == [None, None, None]
+    rest = told_errors(error, None)
+    assert steps_to_synchronise(rest[:3]) == [1, 1, 1]
+    assert steps_to_synchronise(rest) == [None, None, None]
+    by_reference = told_errors(error, "A")
+    assert steps_to_synchronise(by_reference[:3]) == [None, None, None]
+    assert steps_to_synchronise(by_reference) == [3, 3, None]
 
 
 def test_label_errors_count_true_paths_alone():

@@ -10,6 +10,8 @@ import gridslam as gs
 from gridslam.runs.clock_track import ClockTrack
 from gridslam.runs.network_run import NetworkRun, network_scores
 from gridslam.simulation.network import simulate_network
+from gridslam.viewers.network_plots import draw_clocks
+from gridslam.world.clocks import ClockTruth
 
 AGENTS = ["agent1", "agent2"]
 
@@ -52,3 +54,22 @@ def test_a_track_of_many_more_poses_is_taken_at_the_steps(mapped):
     assert one["surfaces_true"] == 1
     assert one["position_rmse_m"] == pytest.approx(0, abs=1e-9)
     assert two["surfaces_true"] is None  # nobody knows where it was
+
+
+@pytest.mark.parametrize(("reference", "first"), [(None, None), ("A", 0)])
+def test_a_reference_says_whose_clock_is_wrong(mapped, reference, first):
+    """One clock 12 ns off: without a reference, a third of it may as well be the others'."""
+    run, measurements, _ = mapped
+    table = "[clocks]\nanchor_prior_ns = 50\n" + (f'reference = "{reference}"\n' if reference else "")
+    clocks = gs.Scene.from_toml(SCENE + table).clocks
+    runs = {
+        name: replace(own, scene=own.scene.model_copy(update={"clocks": clocks}))
+        for name, own in run.runs.items()
+    }
+    truth = ClockTruth(run.clocks.device, measurements.table.times_s, np.zeros_like(run.clocks.offset_s))
+    off = replace(run.clocks, offset_s=1e-9 * np.array([0, 0, 12.0]) + np.zeros_like(run.clocks.offset_s))
+    whole = replace(run, runs=runs, clocks=off).score(truth)
+    assert whole["steps_to_synchronise"] == {"A": first}
+    figure = draw_clocks(off, truth, reference=reference)
+    errors = [line.get_ydata() for line in figure.axes[1].lines]
+    assert np.abs(errors[0]).max() == pytest.approx(0 if reference else 4)
