@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gridslam.cli.output import busy
+from gridslam.wording import time_span
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
@@ -295,9 +296,15 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
     """Where the errors of the table are those of another track."""
     from gridslam.checks.runs.truth_fit import truth_note
 
-    pairs = zip(runs, observations, strict=True)
+    pairs = list(zip(runs, observations, strict=True))
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
-    return [f"{agent}: {note}" for agent, note in found if note]
+    return [f"{agent}: {note}" for agent, note in found if note] + [
+        f"{run.agent}: the true track has no pose from {time_span(*span)}: steps in between aren't scored"
+        for run, observed in pairs
+        if observed.truth is not None
+        for span in observed.truth.holes()
+        if ((run.trajectory.time_s > span[0]) & (run.trajectory.time_s < span[1])).any()
+    ]
 
 
 def unknown_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:

@@ -60,6 +60,7 @@ TRACK = Group("truth", (
     Dataset("velocity_mps", "m/s", "true velocities", shape="T, 2"),
     Dataset("heading_rad", "rad", "true headings", shape="T"),
     Dataset("height_m", "m", "true heights", "in a plane", shape="T"),
+    Dataset("holes_s", "s", "from when to when nothing is known of the way", "none", shape="H, 2"),
 ), "not known")  # fmt: skip
 CLOCKS = Group("truth/clocks", (
     Dataset("device", "text", "names of anchors and agents", shape="D", kind="text"),

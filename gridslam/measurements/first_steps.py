@@ -42,5 +42,5 @@ def _first(track: Trajectory, steps: int) -> Trajectory:
     high = None if track.height_m is None else track.height_m[:steps]
     return Trajectory(
         track.time_s[:steps], track.position_m[:steps], track.velocity_mps[:steps], track.heading_rad[:steps],
-        high,
+        high, track.holes_s,
     )  # fmt: skip

@@ -137,7 +137,7 @@ def _recorded_truth(run: Run, track: Trajectory | None) -> Truth | Trajectory | 
 
     if track is None or not len(run.trajectory):
         return track
-    times, slack = run.trajectory.time_s, 1e-6 * max(1.0, abs(float(track.time_s[-1])))
+    times, slack = run.trajectory.time_s, 1e-6 * max(1.0, float(np.ptp(track.time_s)))
     if times[0] < track.time_s[0] - slack or times[-1] > track.time_s[-1] + slack:
         return track  # which is refused
     return truth_of(run.scene, run.agent, track.at(times))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,9 @@ def lost_note(
     """
     if truth is None or not len(track):
         return None
-    position, _ = track_errors(track, truth)
+    seen = ~truth.in_hole(track.time_s)
+    position = track_errors(track, truth)[0][seen]
+    estimates = list(compress(estimates, seen)) if len(estimates) == len(seen) else []
     if not diverged(position):
         return None
     error = np.linalg.norm(position, axis=-1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -199,9 +200,10 @@ class Run:
             scores["coefficients"] = self._coefficients(isinstance(truth, Truth))
         if self.estimates and self.estimates[-1].anchors:
             scores["anchors"] = {name: _stands(one) for name, one in self.estimates[-1].anchors.items()}
-        if track is not None and len(self.trajectory):
-            position, heading = track_errors(self.trajectory, track)
-            claimed = self.covariance[:, :2, :2]
+        if track is not None and not track.in_hole(self.trajectory.time_s).all():
+            seen = ~track.in_hole(self.trajectory.time_s)
+            position, heading = (error[seen] for error in track_errors(self.trajectory, track))
+            claimed = self.covariance[seen, :2, :2]
             each = nees(position, claimed)
             squared, middle = float(each.mean()), float(np.median(each))
             length, own = np.linalg.norm(position, axis=1), np.sqrt(np.trace(claimed, axis1=1, axis2=2))
@@ -213,7 +215,7 @@ class Run:
                 "diverged": diverged(position),
                 "position_nees": squared if np.isfinite(squared) else None,  # of a deviation of 0
                 "position_median_nees": middle if np.isfinite(middle) else None,
-                "silent_steps": wrong_and_well(self.estimates, length, own),
+                "silent_steps": wrong_and_well(list(compress(self.estimates, seen)), length, own),
             }
         takes = kind_of(self.method)
         bound = known_bound(self.scene, self.agent, truth, takes, self.unheard)

@@ -210,11 +210,14 @@ def read_run(directory: str | os.PathLike[str], maps: Mapping[str, Map] | None =
         if allowed is not None:  # a path out of the folder, above all
             raise InputError(f"{folder / 'run.json'}: agents", repr(name), allowed)
         own = folder / name
-        truth = own / "truth.tum"
+        track, truth = Trajectory.from_tum(own / "trajectory.tum"), None
+        if (own / "truth.tum").exists():
+            truth = Trajectory.from_tum(own / "truth.tum")
+            truth = truth.at(track.time_s) if len(truth.holes()) else truth
         agents[name] = AgentFiles(
             read_observations(own),
-            Trajectory.from_tum(own / "trajectory.tum"),
-            Trajectory.from_tum(truth) if truth.exists() else None,
+            track,
+            truth,
             read_steps(own / "steps.h5"),
             maps[name] if maps and name in maps else Map.load(own / "map.h5"),
         )

@@ -148,6 +148,7 @@ def draw_errors(
     lines = [("own standard deviation", 100 * np.hypot(*own[:, :2].T), np.degrees(own[:, 2]), GREEN, ":")]
     if found.truth is not None:
         gap, turn = track_errors(found.trajectory, found.truth)
+        gap[found.truth.in_hole(found.trajectory.time_s)] = np.nan  # a line across
         error = 100 * np.linalg.norm(gap, axis=1), np.degrees(np.abs(turn))
         lines.insert(0, ("error", *error, BLUE, "-"))
         bound = known_bound(scene, name, truth, takes)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, fields
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
@@ -16,6 +17,9 @@ from gridslam.io.foreign import refuse_foreign_text
 from gridslam.world.geometry import wrap
 from gridslam.world.given import SECONDS, numbers, require_radians
 
+HOLE_INTERVALS, HOLE_S = 10.0, 1.0
+"""How much longer than most a pause between poses of a track is that is a hole in it, and at least, s."""
+ENDS_S = 1e-6
 TUM_COLUMNS = "timestamp tx ty tz qx qy qz qw"
 
 
@@ -33,6 +37,8 @@ class Trajectory:
         Counter-clockwise from x, in (-pi, pi].
     height_m : (N,) float64 or None
         None in a planar world.
+    holes_s : (H, 2) float64 or None
+        Spans in which nothing is known of the way, as where a camera lost it: poses there are filled in.
 
     Raises
     ------
@@ -45,6 +51,7 @@ class Trajectory:
     velocity_mps: Array
     heading_rad: Array
     height_m: Array | None = None
+    holes_s: Array | None = None
 
     def __post_init__(self) -> None:
         count = np.size(self.time_s)
@@ -68,6 +75,12 @@ class Trajectory:
                 values = wrap(values)
             values.setflags(write=False)
             object.__setattr__(self, name, values)
+        if self.holes_s is not None:
+            spans = numbers(self.holes_s, "trajectory: holes_s")
+            if spans.ndim != 2 or spans.shape[1] != 2:
+                raise InputError("trajectory: holes_s", f"shape {spans.shape}", "shape (H, 2)")
+            spans.setflags(write=False)
+            object.__setattr__(self, "holes_s", spans)
         if (np.diff(self.time_s) <= 0).any():
             raise InputError("trajectory: time_s", "times that don't rise", "strictly rising times")
 
@@ -126,6 +139,8 @@ class Trajectory:
     def at(self, time_s: Array) -> Trajectory:
         """The track at other times, between its poses on straight lines; before and after it stands still.
 
+        Long pauses between its poses are holes of what is returned, see `holes`.
+
         Parameters
         ----------
         time_s : (N,) float64
@@ -134,10 +149,31 @@ class Trajectory:
         columns = [*self.position_m.T, *self.velocity_mps.T, np.unwrap(self.heading_rad)]
         x, y, vx, vy, heading = (np.interp(time_s, self.time_s, column) for column in columns)
         high = None if self.height_m is None else np.interp(time_s, self.time_s, self.height_m)
-        return Trajectory(time_s, np.stack([x, y], -1), np.stack([vx, vy], -1), wrap(heading), high)
+        holes = self.holes()
+        return Trajectory(
+            time_s, np.stack([x, y], -1), np.stack([vx, vy], -1), wrap(heading), high,
+            holes if len(holes) else None,
+        )  # fmt: skip
+
+    def holes(self) -> Array:
+        """Spans (H, 2) s without poses: those known as such, and pauses far longer than most intervals."""
+        known = np.zeros((0, 2)) if self.holes_s is None else self.holes_s
+        step = np.diff(self.time_s)
+        if not len(step):
+            return known
+        long = step > max(HOLE_INTERVALS * float(np.median(step)), HOLE_S)
+        return np.concatenate([known, np.stack([self.time_s[:-1], self.time_s[1:]], -1)[long]])
+
+    def in_hole(self, time_s: Array) -> NDArray[np.bool_]:
+        """Whether times (N,) s lie within `holes`, (N,); at the ends of one there are poses."""
+        first, last = self.holes().T
+        time = np.asarray(time_s)[:, None]
+        return np.asarray(((time > first + ENDS_S) & (time < last - ENDS_S)).any(1))
 
     def to_tum(self, path: str | os.PathLike[str], remark: str | None = None) -> None:
         """Write ``timestamp tx ty tz qx qy qz qw`` lines at full precision; ``tz`` is 0 in a plane.
+
+        Poses in holes are left out.
 
         Parameters
         ----------
@@ -152,11 +188,12 @@ class Trajectory:
         """
         refuse_foreign_text(path, "a track that was written here (.tum)", _as_written)
         half = 0.5 * self.heading_rad
+        there = ~self.in_hole(self.time_s)
         high = ["0"] * len(self) if self.height_m is None else [repr(z) for z in self.height_m.tolist()]
         rows = zip(self.time_s, *self.position_m.T, high, np.sin(half), np.cos(half), strict=True)
         lines = [f"# {TUM_COLUMNS}", *([f"# {remark}"] if remark else [])] + [
             f"{float(t)!r} {float(x)!r} {float(y)!r} {z} 0 0 {float(s)!r} {float(c)!r}"
-            for t, x, y, z, s, c in rows
+            for t, x, y, z, s, c in compress(rows, there)
         ]
         write_bytes(path, ("\n".join(lines) + "\n").encode())
 

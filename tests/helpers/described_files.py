@@ -25,7 +25,7 @@ from gridslam.world.columns import OPTIONAL
 from gridslam.world.levels import COEFFICIENTS
 from gridslam.world.trajectory import Trajectory
 
-TRACK = Trajectory([0.0, 0.5], [[1, 2], [3, 4]], [[0, 1], [1, 0]], [0.1, 0.2], [1.0, 1.1])
+TRACK = Trajectory([0.0, 0.5], [[1, 2], [3, 4]], [[0, 1], [1, 0]], [0.1, 0.2], [1.0, 1.1], [[0.1, 0.4]])
 SIMULATED = Simulated("room", ("me", "you"), 3)
 
 

@@ -9,10 +9,12 @@ from run_samples import hall, some_estimate, some_run
 from tiny import TINY
 
 import gridslam as gs
+from gridslam.cli.doubts import truth_notes
 from gridslam.errors import InputError
 from gridslam.estimates import Health
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.ground_truth import heard_paths, tells_heading
+from gridslam.runs.notes import lost_note
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.simulation.image_source import ground_truth
 from gridslam.systems.registry import maps_features
@@ -188,3 +190,21 @@ def test_the_bound_leaves_out_steps_of_which_nothing_was_heard():
     faint = gs.Scene.checked(faint, scene.name)
     paths = ground_truth(faint, "agent1").paths
     assert heard_paths(faint, "agent1", paths, late) is paths, "their detection probability prices it in"
+
+
+def test_steps_in_a_hole_of_the_true_track_are_not_scored_and_the_note_says_so(scene):
+    track = scene.track("agent1")
+    first, last = track.time_s[2], track.time_s[-2]
+    gone = (track.time_s > first) & (track.time_s < last)
+    holed = replace(track, holes_s=np.array([[first, last]]))
+    run = some_run(scene, "agent1")
+    run = replace(run, trajectory=replace(run.trajectory, position_m=track.position_m + 2.0 * gone[:, None]))
+    assert run.score(track)["position_rmse_m"] > 1
+    scores = run.score(holed)
+    assert (scores["position_rmse_m"], scores["diverged"]) == (0, False)
+    assert lost_note("agent1", run.trajectory, holed, run.estimates) is None
+    heard = replace(gs.simulate(scene, "agent1", seed=1), truth=holed)
+    said = f"agent1: the true track has no pose from {first:g} to {last:g} s: steps in between aren't scored"
+    assert truth_notes(scene, [run], [heard]) == [said]
+    nothing = replace(track, holes_s=np.array([[-1.0, 1e9]]))
+    assert run.score(nothing)["position_rmse_m"] is None

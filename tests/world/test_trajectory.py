@@ -260,3 +260,20 @@ def test_velocities_and_headings_of_poses_are_those_of_motion():
 def test_poses_that_cannot_be_are_refused(time, place, where):
     with pytest.raises(InputError, match=where):
         Trajectory.of_poses(time, place)
+
+
+def test_long_pauses_of_a_track_are_holes_also_between_steps_and_through_files(tmp_path):
+    time = np.concatenate([np.arange(0, 4, 0.1), np.arange(22, 26, 0.1)]) + 1.7e9
+    track = Trajectory.of_poses(time, np.stack([time - 1.7e9, np.zeros(80)], -1))
+    steps = 1.7e9 + np.arange(0.05, 25.9, 0.1)
+    known = track.at(steps)
+    for one in (track, known, known.at(steps)):
+        np.testing.assert_allclose(one.holes() - 1.7e9, [[3.9, 22.0]], atol=1e-6)
+        np.testing.assert_array_equal(one.in_hole(steps), (steps > 1.7e9 + 3.9) & (steps < 1.7e9 + 22))
+    known.to_tum(tmp_path / "a.tum")
+    again = Trajectory.from_tum(tmp_path / "a.tum")
+    assert len(again) == (~known.in_hole(steps)).sum()
+    assert again.at(steps).in_hole(steps).sum() == known.in_hole(steps).sum()
+    every_two = Trajectory.of_poses(np.arange(0, 20, 2.0), np.zeros((10, 2)))
+    assert not len(every_two.holes())
+    assert every_two.at(np.arange(0, 18, 0.1)).holes_s is None
