@@ -47,6 +47,7 @@ LAYOUTS = 2
 """Times that a figure is laid out: ticks change with the size of the axes, and the axes with the ticks."""
 OUTLINE, BAND = 0.8, 1.8
 """Widths of true walls, points: as a line, and as a pale outline on which surfaces found are seen."""
+DASHED, DOTTED = {"linestyle": (0, (4, 2))}, {"linestyle": (0, (1, 1.5)), "alpha": 0.4}  # not seen first
 SPOT = 0.01
 """Of the larger side of what is shown: shorter stretches have a dot, or nobody would see them."""
 NEAREST: dict[str, Any] = {"interpolation": "nearest", "interpolation_stage": "data"}
@@ -248,8 +249,7 @@ def _cells(axes: Axes, grid: Cells, shown: NDArray, **style: Any) -> AxesImage:
     """A picture of cells that leaves the limits of the axes as they are."""
     limits = axes.axis()
     (left, bottom), (right, top) = grid.origin_m.tolist(), grid.corner_m.tolist()
-    extent = (left, right, bottom, top)
-    image = axes.imshow(shown, origin="lower", extent=extent, **NEAREST, **style)
+    image = axes.imshow(shown, origin="lower", extent=(left, right, bottom, top), **NEAREST, **style)
     axes.axis(limits)
     return image
 
@@ -286,7 +286,7 @@ def scatterers(axes: Axes, scene: Scene, color: str) -> None:
 
 
 def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) -> None:
-    """Surfaces found: dashed where there is a wall; dotted, whole, those that nothing bears out.
+    """Surfaces found: dashed where there is a wall; dotted, whole and pale, those that nothing bears out.
 
     Those that are `false` (S,) have a colour of their own.
     """
@@ -309,7 +309,7 @@ def surfaces(axes: Axes, grid: Cells, false: NDArray[np.bool_] | None = None) ->
         ):
             if mine.any() or (color == ORANGE and not dotted):
                 pieces = LineCollection(list(ends[mine]), colors=color, linewidths=width, zorder=3)
-                pieces.set(linestyle=(0, (1, 1.5)) if dotted else (0, (4, 2)))
+                pieces.set(**DOTTED if dotted else DASHED)
                 pieces.set_label(f"{label}, {doubt}" if dotted else label)
                 axes.add_collection(pieces)
                 spots = mine & (np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) < SPOT * wide)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,13 +14,16 @@ from gridslam.drawing.widths import PAGE_IN
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER, FeatureEstimate
 from gridslam.estimates import Estimate
 from gridslam.simulation.image_source import Truth
+from gridslam.wording import counted
 from gridslam.world.scene import Scene
 from gridslam.world.trajectory import Trajectory
 
 TRULY = "truly in sight"
 SIGHT = (-1, -1)
 """Surfaces of a line of sight."""
-KINDS = {MIRROR: ("mirror", BLUE, "x"), SCATTERER: ("scatterer", ORANGE, "+"), FREE: ("free", PURPLE, "1")}
+KINDS = {MIRROR: ("mirror", "x"), SCATTERER: ("scatterer", "+"), FREE: ("free", "1")}
+OF_ANCHORS = BLUE, ORANGE, PURPLE, "#56B4E9", "#E69F00"
+"""Colours of anchors' features, in turn; tracks are green."""
 
 
 def draw_sights(
@@ -70,10 +72,14 @@ def draw_features(
     scene: Scene, features: FeatureEstimate, trajectory: Trajectory, truth: Trajectory | None = None,
     width: float = PAGE_IN,
 ) -> Figure:  # fmt: skip
-    """Learned features with three deviations, the larger the stronger, over true walls and tracks."""
-    figure = blank(width, width)
+    """Learned features with three deviations, the larger the stronger, over true walls and tracks.
+
+    A colour for each anchor, a mark for each kind; what lies beyond the scene's region is counted.
+    """
+    wide, high = (float(np.ptp(side)) for side in (scene.grid.x_m, scene.grid.y_m))
+    figure = blank(width, width * float(np.clip(high / wide, 0.3, 1.3)) + 0.6)
     axes = figure.subplots()
-    axes.set_aspect("equal")
+    axes.set(xlim=scene.grid.x_m, ylim=scene.grid.y_m, aspect="equal", xlabel="x (m)", ylabel="y (m)")
     pieces = scene.segments()
     for number, piece in enumerate(np.stack([pieces.start, pieces.end], 1)):
         axes.plot(*piece.T, color="k", lw=1.2, label=None if number else "true walls")
@@ -82,13 +88,20 @@ def draw_features(
         axes.plot(*truth.position_m.T, color="0.6", lw=2.4, label="true track")
     axes.plot(*trajectory.position_m.T, color=GREEN, lw=1.0, label="estimated track")
     size = 4 + 8 * np.sqrt(features.variance / max(features.variance.max(initial=0), 1e-300))
-    for kind, (name, color, marker) in KINDS.items():
-        rows = np.flatnonzero(features.kind == kind)
-        for row in rows:
-            look: dict[str, Any] = {"color": color, "marker": marker, "ms": size[row], "ls": "none"}
-            axes.plot(*features.position_m[row], **look, label=name if row == rows[0] else None)
-            ellipse(axes, features.position_m[row], features.covariance[row, :2, :2], color)
+    for row, whose in enumerate(features.anchor.tolist()):
+        color, (_, marker) = OF_ANCHORS[whose % len(OF_ANCHORS)], KINDS[int(features.kind[row])]
+        axes.plot(*features.position_m[row], color=color, marker=marker, ms=size[row], ls="none")
+        ellipse(axes, features.position_m[row], features.covariance[row, :2, :2], color)
+    for kind, (name, marker) in KINDS.items():
+        if (features.kind == kind).any():
+            axes.plot([], [], color="k", marker=marker, ls="none", label=name)
+    for whose in np.unique(features.anchor).tolist():
+        color = OF_ANCHORS[whose % len(OF_ANCHORS)]
+        axes.plot([], [], "o", color=color, mfc="none", label=f"of {scene.anchor_names[whose]}")
+    low, high_m = np.transpose([scene.grid.x_m, scene.grid.y_m])
+    beyond = int(((features.position_m < low) | (features.position_m > high_m)).any(1).sum())
+    if beyond:
+        axes.set_title(f"{counted(beyond, 'feature')} beyond the region", fontsize="small")
     anchors(axes, scene, 7.0)
     figure.legend(loc="outside lower center", ncols=4, fontsize="small", frameon=False)
-    axes.set(xlabel="x (m)", ylabel="y (m)")
     return figure

@@ -128,6 +128,8 @@ def test_false_surfaces_are_drawn_each_and_told_from_others(run):
         extent = np.where(never_hit & false[:, None], np.nan, table.extent_m)
         grid = replace(run.map, surfaces=replace(table, extent_m=extent))
         (axes,) = draw_map(grid, run.scene, false=false).axes
+        pale = {lines.get_label() for lines in axes.collections if (lines.get_alpha() or 1) < 0.5}
+        assert (label in pale) is never_hit
         own = {item.get_label(): item for item in axes.collections}
         assert label in own
         assert own[label].get_color().tolist() != own["surfaces found"].get_color().tolist()

@@ -56,6 +56,16 @@ def test_every_feature_has_a_mark_and_an_ellipse(screen):
     names = [text.get_text() for text in legend.get_texts()]
     assert {"true walls", "mirror", "scatterer", "free"} <= set(names)
     assert {text.get_text() for text in axes.texts} == set(scene.anchor_names)
+    assert axes.get_xlim() == scene.grid.x_m
+    wide = replace(table, covariance=100 * square, position_m=np.array([[1.0, 2.0], [3.0, 1.0], [90.0, 4.0]]))
+    axes = draw_features(scene, wide, truth.trajectory).axes[0]
+    assert (axes.get_xlim(), axes.get_ylim()) == (scene.grid.x_m, scene.grid.y_m)
+    assert axes.get_title() == "1 feature beyond the region"
+    two = gs.Scene.load("chamber")
+    assert len(two.anchors) > 1
+    axes = draw_features(two, replace(table, anchor=np.array([0, 1, 0])), truth.trajectory).axes[0]
+    colors = [patch.get_edgecolor() for patch in axes.patches]
+    assert colors[0] == colors[2] != colors[1]
     assert draw_features(scene, table.take([]), truth.trajectory, truth.trajectory).axes
 
 
