@@ -3,6 +3,7 @@
 from gridslam.errors import InputError
 from gridslam.estimate_tables import PathEstimate, SurfaceEstimate
 from gridslam.estimates import Estimate
+from gridslam.evaluation.scene_bound import bound
 from gridslam.extraction.front_end import extract
 from gridslam.importers.deepmimo import measurements_from_deepmimo as from_deepmimo
 from gridslam.importers.deepmimo import network_from_deepmimo
@@ -67,6 +68,7 @@ __all__ = [
     "Truth",
     "VirtualAnchorSlam",
     "Waveform",
+    "bound",
     "bundled_scenes",
     "calibrate",
     "extract",
