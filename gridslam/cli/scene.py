@@ -18,6 +18,7 @@ out = Console()
 scene_app = Commands(no_args_is_help=True, help="Make, show, draw and import scene files.")
 POSES = "x,y or x,y,deg, or with heights x,y,z,deg"
 UNTURNED = "no angle told, so 0 degrees: it faces along x"
+PICTURES = (".yaml", ".yml", ".pgm", ".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = "FILE.geojson, FILE.json or FILE.dxf (Inkscape saves an SVG drawing as DXF)"
 
 
@@ -152,6 +153,9 @@ def import_plan(
         lines = geojson.read_walls(file, geographic, unit)
         note = f"units: {unit}, as asked for" if unit else ""
     else:
+        if kind in PICTURES:
+            traced = "its walls, traced over it in Inkscape (to DXF) or QGIS (to GeoJSON)"
+            raise InputError(str(file), "a map or picture of cells, which are no walls", f"{traced}: {KINDS}")
         raise InputError(str(file), f"a name that ends in {kind!r}", KINDS)
     plan = plan_of(
         lines,

@@ -325,3 +325,13 @@ def test_layers_in_capitals_are_of_the_materials_that_are_known():
     )
     assert plan.materials["GLASS"][1] == "assumed for this material"
     assert plan.materials["Brick"] == (0.4, "as asked for")
+
+
+@pytest.mark.parametrize("name", ["map.yaml", "scan.png", "plan.svg"])
+def test_pictures_of_cells_are_refused_with_what_to_do(say, tmp_path, name):
+    (tmp_path / name).write_bytes(b"image: map.pgm\n")
+    code, _, err = say("scene", "import", str(tmp_path / name), "-o", str(tmp_path / "flat.toml"))
+    assert code == 2
+    assert "FILE.geojson, FILE.json or FILE.dxf" in err
+    assert ("traced over it in Inkscape (to DXF) or QGIS (to GeoJSON)" in err) is (name != "plan.svg")
+    assert not (tmp_path / "flat.toml").exists()
