@@ -10,6 +10,7 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -254,7 +255,8 @@ def _fill(
             continue
         attempt(f"{own}/{NAMES[kind_of(observed)]}", observed.to_h5)
         told = untold_heading(scene, own, observed) if run.method in METHODS else None
-        attempt(f"{own}/trajectory.tum", lambda path, run=run, told=told: run.trajectory.to_tum(path, told))  # type: ignore[misc]
+        to_tum = run.trajectory.to_tum
+        attempt(f"{own}/trajectory.tum", to_tum if told is None else partial(to_tum, remark=told))
         if observed.truth is not None:
             attempt(f"{own}/truth.tum", observed.truth.to_tum)
         attempt(f"{own}/steps.h5", lambda path, run=run: write_steps(path, run.estimates))  # type: ignore[misc]
