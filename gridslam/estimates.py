@@ -19,7 +19,7 @@ from gridslam.world.observation import Observation
 ANY_SPEED_MPS = 10.0
 """Standard deviation of a velocity of which nothing is known."""
 SYMMETRIC = 1e-2
-"""By how much a covariance may differ from its mirror image, as a correlation: in single precision it does."""
+"""By how much a covariance may differ from its mirror image, as correlations do in single precision."""
 ROUNDING = 1e-9
 """Share of the largest by which rounding may put an eigenvalue of a covariance below 0."""
 
