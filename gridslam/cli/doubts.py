@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gridslam.cli.output import busy
-from gridslam.wording import time_span
+from gridslam.wording import counted, time_span
 
 if TYPE_CHECKING:
     from gridslam.maps.map import Map
@@ -298,13 +298,18 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
 
     pairs = list(zip(runs, observations, strict=True))
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
-    return [f"{agent}: {note}" for agent, note in found if note] + [
-        f"{run.agent}: the true track has no pose from {time_span(*span)}: steps in between aren't scored"
-        for run, observed in pairs
-        if observed.truth is not None
-        for span in observed.truth.holes()
-        if ((run.trajectory.time_s > span[0]) & (run.trajectory.time_s < span[1])).any()
-    ]
+    notes = [f"{agent}: {note}" for agent, note in found if note]
+    for run, observed in pairs:
+        time = run.trajectory.time_s
+        holes = [] if observed.truth is None else observed.truth.holes().tolist()
+        spans = [span for span in holes if ((time > span[0]) & (time < span[1])).any()]
+        if spans:
+            more = f", and in {counted(len(spans) - 1, 'other hole')}" * (len(spans) > 1)
+            notes.append(
+                f"{run.agent}: the true track has no pose from {time_span(*spans[0])}{more}: "
+                "steps in between aren't scored"
+            )
+    return notes
 
 
 def unknown_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:

@@ -259,7 +259,7 @@ class Turns:
 def _explore(turns: Turns, names: list[str]) -> Explored:
     """Run the agents in turn, and say whether they were stopped and what somebody's own step raised.
 
-    Either ends the list early. It raises only if the list is empty and nothing is there to go on from.
+    Either ends the list early; it raises if that is empty and nothing is there to go on from.
 
     Raises
     ------
@@ -269,7 +269,7 @@ def _explore(turns: Turns, names: list[str]) -> Explored:
     from gridslam.maps.run_identity import first_identity, refuse_heard
     from gridslam.runs.map_scene import map_scene
     from gridslam.runs.progress import progress_bar
-    from gridslam.runs.stopping import StoppedLate, run_before
+    from gridslam.runs.stopping import StoppedLate, is_theirs, run_before
     from gridslam.simulation.simulate import observations_of
     from gridslam.world.start import assumed_start
 
@@ -298,21 +298,21 @@ def _explore(turns: Turns, names: list[str]) -> Explored:
                 prior = runs[-1].map if runs else turns.given
                 observations.append(observed)
                 try:
-                    done = map_scene(
+                    runs.append(map_scene(
                         world, observed, method, name, seed, prior, tell, watch=watch,
                         start=assumed_start(world, name, seed, turns.how), checkpoint=own,
-                    )  # fmt: skip
-                except StoppedLate as late:  # it is whole all the same
-                    runs.append(late.run)
+                    ))  # fmt: skip
+                except StoppedLate as late:
+                    runs.append(late.run)  # it is whole all the same
                     raise
                 except Exception as error:
-                    if earlier or run_before(error) is None:
+                    runs += filter(None, [run_before(error)])
+                    if earlier or not (runs and is_theirs(error)):
                         raise
-                    return [*runs, run_before(error)], observations, False, error
-                runs.append(done)
+                    return runs, observations[: len(runs)], False, error
             if view:
-                view.show_map(done.map)
-            if done.interrupted:
+                view.show_map(runs[-1].map)
+            if runs[-1].interrupted:
                 break
     except KeyboardInterrupt:
         if not (runs or earlier):

@@ -6,6 +6,8 @@ judged by pairs (apparent biases), and with that part removed, unless a referenc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,9 +39,11 @@ def without_common(error: Array) -> Array:
     return np.asarray(error - error.mean(-1, keepdims=True))
 
 
-def told_errors(error: Array, reference: str | None) -> Array:
-    """Errors of offsets (..., D) that measurements tell of: all by a reference, else `without_common`."""
-    return without_common(error) if reference is None else np.asarray(error)
+def told_errors(error: Array, device: Sequence[str], reference: str | None) -> Array:
+    """Errors of devices' offsets (..., D) that measurements tell: to a reference's, or `without_common`."""
+    if reference is None:
+        return without_common(error)
+    return np.asarray(error - error[..., [list(device).index(reference)]])
 
 
 def steps_to_synchronise(error_s: Array, limit_s: float = SYNCHRONISED_S) -> list[int | None]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from gridslam.errors import InputError
 from gridslam.evaluation.array_bounds import array_bound
 from gridslam.evaluation.bounds import Bound, known_map_bound, unknown_map_bound
-from gridslam.evaluation.ground_truth import walls_tell_all
+from gridslam.evaluation.ground_truth import tells_heading, walls_tell_all
 from gridslam.evaluation.signal_bounds import has_single_antennas, scene_signal_bound
 from gridslam.simulation.image_source import only_agent
 from gridslam.world.observation import Kind
@@ -33,7 +37,8 @@ def bound(scene: Scene, agent: str | None = None, known_map: bool = True, what: 
     -------
     Bound
         ``position_m`` and ``heading_rad``, (N,) float64: root mean square errors at each step, in m and
-        rad, that none beats on average.
+        rad, that none beats on average; headings NaN where nothing that is heard tells them. Clocks are
+        taken as known.
 
     Raises
     ------
@@ -47,7 +52,10 @@ def bound(scene: Scene, agent: str | None = None, known_map: bool = True, what: 
     if what not in ("paths", "signal"):
         raise InputError("what", repr(what), "'paths' or 'signal'")
     if what == "paths":
-        return known_map_bound(scene, name) if known_map else unknown_map_bound(scene, name)
+        found = known_map_bound(scene, name) if known_map else unknown_map_bound(scene, name)
+        if tells_heading(scene, name, what):
+            return found
+        return replace(found, heading_rad=np.full(len(found.heading_rad), np.nan))
     if not walls_tell_all(scene, what):
         raise InputError(
             f"{scene.name}: scatterers", "some", "none, or what='paths': bounds count walls alone"

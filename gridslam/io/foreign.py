@@ -7,6 +7,7 @@ replace anything else: a map saved as ``heard.csv`` would be the end of somebody
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,9 +62,9 @@ def refuse_foreign_text(path: str | os.PathLike[str], kind: str, own: Callable[[
 
 
 def begins_as(header: str) -> Callable[[str], bool]:
-    """Tell tables of a kind: their first two columns are those of a header, separated by commas."""
+    """Tell tables of a kind by their first two columns, as spreadsheets write them back, too."""
     first = header.split(",")[:2]
-    return lambda head: head.partition("\n")[0].strip().split(",")[:2] == first
+    return lambda head: re.split("[,;]", head.partition("\n")[0].strip().replace('"', ""))[:2] == first
 
 
 def _holds_something(path: Path) -> bool:
@@ -73,7 +74,7 @@ def _holds_something(path: Path) -> bool:
 def _head(path: Path) -> str:
     try:
         with path.open("rb") as file:
-            return file.read(HEAD_BYTES).decode("utf-8", "replace")
+            return file.read(HEAD_BYTES).decode("utf-8-sig", "replace").replace("\r\n", "\n")
     except OSError:  # unknown, so not ours
         return ""
 

@@ -59,10 +59,10 @@ def nav2_files(grid: MapCells, walls: Callable[[], WallSegments | None]) -> dict
     unknown 205, (255 - 205) / 255 = 0.1961, into free space on reading.
     """
     return {
+        "map.yaml": partial(_yaml, grid, "map", "trinary"),  # first: a picture alone is nobody's
         "map.pgm": lambda: _pgm(trinary(grid, walls())),
-        "map.yaml": partial(_yaml, grid, "map", "trinary"),
-        "reflection.pgm": lambda: _pgm(_percent(grid)),
         "reflection.yaml": partial(_yaml, grid, "reflection", "raw"),
+        "reflection.pgm": lambda: _pgm(_percent(grid)),
     }
 
 

@@ -92,7 +92,7 @@ class NetworkRun:
                 apparent_biases(error, self.clocks.anchors)[late].ravel()
             )
             settled = next(iter(self.runs.values())).scene.clocks
-            error = told_errors(error, settled.reference if settled is not None else None)
+            error = told_errors(error, self.clocks.device, settled.reference if settled is not None else None)
             scores["bias_rmse_without_common_ps"] = PS * rmse(error[late].ravel())
             scores["steps_to_synchronise"] = dict(zip(names, steps_to_synchronise(error), strict=False))
         if truth is not None:

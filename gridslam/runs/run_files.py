@@ -214,7 +214,6 @@ def read_run(directory: str | os.PathLike[str], maps: Mapping[str, Map] | None =
         track, truth = Trajectory.from_tum(own / "trajectory.tum"), None
         if (own / "truth.tum").exists():
             truth = Trajectory.from_tum(own / "truth.tum")
-            truth = truth.at(track.time_s) if len(truth.holes()) else truth
         agents[name] = AgentFiles(
             read_observations(own),
             track,

@@ -13,7 +13,7 @@ import psutil
 
 from gridslam.errors import InputError
 from gridslam.maps.map import Map
-from gridslam.runs.stopping import asked_to_stop
+from gridslam.runs.stopping import asked_to_stop, keep_with
 from gridslam.runs.unfinished import AgentCheckpoint
 
 MIB = 2**20
@@ -119,6 +119,8 @@ def run_steps(
             try:
                 estimates.append(step(scan))
             except Exception as error:
+                if keep:
+                    keep_with(error, None)  # theirs, at the first step, too
                 if not (keep and estimates):
                     raise
                 return Steps(estimates, seconds, peak, error)

@@ -44,7 +44,12 @@ class Kept:
 
 def keep_with(error: Exception, run: Any) -> None:
     """Let `run_before` find a run by the error that ended it."""
-    error.run_before = Kept(run)  # type: ignore[attr-defined]
+    error.__dict__["run_before"] = Kept(run)  # whatever the error has to say of its attributes
+
+
+def is_theirs(error: Exception) -> bool:
+    """Whether a step of somebody's own method raised it, at the first step, too."""
+    return "run_before" in vars(error)
 
 
 def run_before(error: Exception) -> Any:

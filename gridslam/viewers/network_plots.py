@@ -37,7 +37,10 @@ def draw_clocks(
         rows[0].plot(clocks.time_s, NS * clocks.offset_s[:, number], style, color=colour, lw=1.2, label=name)
     rows[0].set_ylabel("offset (ns)")
     if truth is not None:
-        rest = np.eye(devices) - (1 / devices if reference is None else 0.0)
+        rest = np.eye(devices)
+        rest[slice(None) if reference is None else list(clocks.device).index(reference)] -= (
+            1 / devices if reference is None else 1.0
+        )
         error = clocks.errors(truth) @ rest
         spread = np.sqrt(np.maximum(np.einsum("ij,njk,ik->ni", rest, clocks.covariance_s2, rest), 0))
         for number in range(devices):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields
-from itertools import compress
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,10 @@ from gridslam.world.given import SECONDS, numbers, require_radians
 
 HOLE_INTERVALS, HOLE_S = 10.0, 1.0
 """How much longer than most a pause between poses of a track is that is a hole in it, and at least, s."""
-ENDS_S = 1e-6
+STANDS_M, MANY, MOST_HOLES = 0.1, 3, 0.3
+"""How near the poses at both ends of a pause are if the agent stood; pauses, and share of a track's time,
+beyond which they are no holes, but legs between poses at corners."""
+HOLE, ENDS_S = "hole from, to:", 1e-6
 TUM_COLUMNS = "timestamp tx ty tz qx qy qz qw"
 
 
@@ -156,12 +160,19 @@ class Trajectory:
         )  # fmt: skip
 
     def holes(self) -> Array:
-        """Spans (H, 2) s without poses: those known as such, and pauses far longer than most intervals."""
+        """Spans (H, 2) s without poses: those known as such, and pauses far longer than most intervals.
+
+        An agent that stands, of which nothing is noted until it goes on, has none; nor has a track that is
+        drawn from corner to corner.
+        """
         known = np.zeros((0, 2)) if self.holes_s is None else self.holes_s
         step = np.diff(self.time_s)
         if not len(step):
             return known
         long = step > max(HOLE_INTERVALS * float(np.median(step)), HOLE_S)
+        long &= np.hypot(*np.diff(self.position_m, axis=0).T) > STANDS_M
+        if long.sum() > MANY and step[long].sum() > MOST_HOLES * step.sum():
+            return known
         return np.concatenate([known, np.stack([self.time_s[:-1], self.time_s[1:]], -1)[long]])
 
     def in_hole(self, time_s: Array) -> NDArray[np.bool_]:
@@ -173,7 +184,7 @@ class Trajectory:
     def to_tum(self, path: str | os.PathLike[str], remark: str | None = None) -> None:
         """Write ``timestamp tx ty tz qx qy qz qw`` lines at full precision; ``tz`` is 0 in a plane.
 
-        Poses in holes are left out.
+        Poses in holes are there, too; a remark says of each hole from when to when it is.
 
         Parameters
         ----------
@@ -188,12 +199,13 @@ class Trajectory:
         """
         refuse_foreign_text(path, "a track that was written here (.tum)", _as_written)
         half = 0.5 * self.heading_rad
-        there = ~self.in_hole(self.time_s)
         high = ["0"] * len(self) if self.height_m is None else [repr(z) for z in self.height_m.tolist()]
         rows = zip(self.time_s, *self.position_m.T, high, np.sin(half), np.cos(half), strict=True)
-        lines = [f"# {TUM_COLUMNS}", *([f"# {remark}"] if remark else [])] + [
+        spans = [] if self.holes_s is None else self.holes_s.tolist()
+        remarks = [*([remark] if remark else []), *(f"{HOLE} {first!r} {last!r}" for first, last in spans)]
+        lines = [f"# {TUM_COLUMNS}", *(f"# {line}" for line in remarks)] + [
             f"{float(t)!r} {float(x)!r} {float(y)!r} {z} 0 0 {float(s)!r} {float(c)!r}"
-            for t, x, y, z, s, c in compress(rows, there)
+            for t, x, y, z, s, c in rows
         ]
         write_bytes(path, ("\n".join(lines) + "\n").encode())
 
@@ -212,8 +224,10 @@ class Trajectory:
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "bytes that aren't text"
             raise InputError(str(path), reason, "a TUM trajectory file") from error
-        rows = []
+        rows, holes = [], list[list[float]]()
         for number, line in enumerate(text.splitlines(), start=1):
+            if (span := re.fullmatch(rf"# {HOLE} (\S+) (\S+)", line)) is not None:
+                holes.append(_numbers(span.groups()))
             words = line.split("#")[0].split()
             if words:
                 rows.append(_pose(words, f"{path}: line {number}"))
@@ -225,7 +239,9 @@ class Trajectory:
             raise InputError(str(path), "no poses", f"lines of {TUM_COLUMNS}")
         table = np.array(rows)
         high = table[:, 3] if table[:, 3].any() else None
-        return cls.of_poses(table[:, 0], table[:, 1:3], 2 * np.arctan2(table[:, 6], table[:, 7]), high)
+        track = cls.of_poses(table[:, 0], table[:, 1:3], 2 * np.arctan2(table[:, 6], table[:, 7]), high)
+        spans = [span for span in holes if len(span) == 2]
+        return replace(track, holes_s=np.array(spans)) if spans else track
 
 
 def _of_motion(velocity_mps: Array) -> Array:
@@ -242,12 +258,17 @@ def _as_written(head: str) -> bool:
     return head.startswith(f"# {TUM_COLUMNS}\n")
 
 
+def _numbers(words: Sequence[str]) -> list[float]:
+    """The words as numbers; none if one isn't."""
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return []
+
+
 def _pose(words: list[str], where: str) -> list[float]:
     """Eight numbers of one line, checked."""
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        values = []
+    values = _numbers(words)
     if len(values) != 8 or not np.isfinite(values).all():
         raise InputError(where, " ".join(words)[:60], f"eight finite numbers: {TUM_COLUMNS}")
     if abs(values[4]) > 1e-6 or abs(values[5]) > 1e-6:

@@ -266,7 +266,7 @@ def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say, 
     run = (*run, "--method", "own_method:SightFilter")  # of any method, and this one is soon through
     replace(measurements, amplitude=20 * np.log10(measurements.amplitude)).to_csv("heard.csv")
     assert "note: agent1: suspect: amplitude: decibels, where the linear root of" in say(*run).out
-    replace(measurements, time_s=1e5 * measurements.time_s).to_csv("heard.csv")
+    replace(measurements, time_s=1e3 * measurements.time_s).to_csv("heard.csv")
     slow = ("run", "room.toml", *files[:2], "-o", "out", "--overwrite")  # no track has such times
     assert "note: agent1: suspect: time_s: probably milliseconds" in say(*slow).out
     replace(measurements, amplitude=1.5 * measurements.amplitude).to_csv("heard.csv")

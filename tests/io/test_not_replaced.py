@@ -101,3 +101,22 @@ def test_own_nav2_maps_and_tables_are_replaced_and_other_tables_stay(tmp_path):
     with pytest.raises(InputError, match=r"cells.csv: found another file of this name"):
         GRID.to_csv(tmp_path)
     assert cells.read_text() == "a,b\n"
+
+
+def test_own_files_that_an_editor_or_a_spreadsheet_wrote_back_are_replaced(tmp_path):
+    HEARD.to_csv(tmp_path / "heard.csv")
+    TRACK.to_tum(tmp_path / "way.tum")
+    own, way = (tmp_path / "heard.csv").read_text(), (tmp_path / "way.tum").read_text()
+    for changed in ("\ufeff" + own, own.replace(",", ";"), own.replace("step", '"step"', 1)):
+        (tmp_path / "heard.csv").write_text(changed, encoding="utf-8")
+        HEARD.to_csv(tmp_path / "heard.csv")
+    (tmp_path / "way.tum").write_bytes(way.replace("\n", "\r\n").encode())
+    TRACK.to_tum(tmp_path / "way.tum")
+    assert (tmp_path / "way.tum").read_text() == way
+
+
+def test_a_nav2_map_that_was_cut_short_is_written_again(tmp_path):
+    GRID.to_nav2(tmp_path)
+    for name in ("map.pgm", "reflection.pgm", "reflection.yaml"):
+        (tmp_path / name).unlink()
+    GRID.to_nav2(tmp_path)

@@ -206,5 +206,7 @@ def test_steps_in_a_hole_of_the_true_track_are_not_scored_and_the_note_says_so(s
     heard = replace(gs.simulate(scene, "agent1", seed=1), truth=holed)
     said = f"agent1: the true track has no pose from {first:g} to {last:g} s: steps in between aren't scored"
     assert truth_notes(scene, [run], [heard]) == [said]
+    twice = replace(heard, truth=replace(track, holes_s=np.array([[first, last], [first - 1.5, first]])))
+    assert truth_notes(scene, [run], [twice])[0].count("and in 1 other hole:") == 1
     nothing = replace(track, holes_s=np.array([[-1.0, 1e9]]))
     assert run.score(nothing)["position_rmse_m"] is None

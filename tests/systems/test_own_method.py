@@ -338,6 +338,26 @@ def test_a_step_that_fails_costs_none_of_those_before_it(say, tiny, tmp_path, mo
     assert len(gs.Trajectory.from_tum(tmp_path / "r" / "agent1" / "trajectory.tum")) == 2
 
 
+def test_a_first_step_that_fails_costs_no_agent_that_is_through(say, tiny, tmp_path, monkeypatch):
+    class Shy(Exception):
+        """Takes no attribute of others."""
+
+        def __setattr__(self, name, value):
+            if not name.startswith("__"):
+                raise AttributeError(name)
+            super().__setattr__(name, value)
+
+    def step(self, scan):
+        if self.agent == "agent2":
+            raise Shy
+        return Least.step(self, scan)
+
+    monkeypatch.setattr("gridslam.systems.registry._imported", lambda path, where: spoiled(step=step))
+    with pytest.raises(Shy):
+        say("run", tiny, "--method", "any:Toy", "-o", "r")
+    assert list(json.loads((tmp_path / "r" / "run.json").read_text())["agents"]) == ["agent1"]
+
+
 def test_what_a_step_raised_has_the_run_before_it_but_takes_it_to_no_other_process():
     def step(self, scan):
         return Least.step(self, scan) if scan.step < 2 else 1 / 0

@@ -105,7 +105,7 @@ def absurd_times(columns: Columns) -> list[Suspicion]:
         kind = units[-1] if units else "nanoseconds"
         words = " or ".join(units) + ", where seconds belong" if len(units) > 1 else _words(kind)
         return [Suspicion("time_s", kind, words, True, reason)]
-    if gap >= LONG_S and first > YEAR_2200_S:
+    if gap >= 10 * LONG_S and first > YEAR_2200_S:
         reason = f"from {first:.4g} s on, {gap:.4g} s between steps"
         return [Suspicion("time_s", "milliseconds", _words("milliseconds"), False, reason)]
     return []

@@ -20,6 +20,9 @@ EVEN = 2.0
 BROKEN, WHOLE, ALONE = 1.3, 1.2, 1.15
 """How large a break is, over what is usual from one frequency to the next, and what beside it is none
 (up to its root, too); how many times as large as all others it must be."""
+LEAST_COUNT, LEAKS, SCATTER = 24, 2.0, 5.0
+"""Frequencies from which on breaks tell the order; how much louder than beside it the middle is where the
+carrier leaks; and by how much breaks scatter, times the root of the snapshots and elements."""
 LIKE, UNLIKE = 0.9, 0.5
 """Correlation of the power over frequency with the pulse's that tells the order, and that denies another."""
 LEAST, MOST, FEW = 20, 240, 60
@@ -85,12 +88,16 @@ def shift_of(own: Complex, waveform: Waveform) -> int:
         fair = [roll for roll, fit in zip(rolls, fits, strict=True) if fit > LIKE > UNLIKE > plain]
         sharp = [np.log(_sharpness(np.roll(own, roll, -1), waveform)).mean() for roll in fair]
         return fair[int(np.argmax(sharp))] if fair else 0
-    breaks = _breaks(own)
+    level = squared(own).mean((0, 1, 2))
+    middle = count // 2
+    if count < LEAST_COUNT or level[middle] > LEAKS * max(level[middle - 1], level[middle + 1]):
+        return 0  # the carrier itself leaks into what stands in the middle
+    breaks, broken = _breaks(own), max(BROKEN, 1 + SCATTER / np.sqrt(own[..., 0].size))
     for roll in rolls:
         place = count - roll
         others = np.delete(breaks, place)
         beside = max(breaks[place - 1], breaks[(place + 1) % count], breaks[0])
-        if breaks[place] > max(BROKEN, ALONE * others.max()) and beside < max(WHOLE, np.sqrt(breaks[place])):
+        if breaks[place] > max(broken, ALONE * others.max()) and beside < max(WHOLE, np.sqrt(breaks[place])):
             return roll
     return 0
 

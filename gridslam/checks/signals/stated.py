@@ -25,9 +25,9 @@ APART_M, APART = 0.1, 0.005
 """How far apart an anchor of the file and the scene's may be, as rounded or surveyed twice; of their places,
 too, where another unit is read."""
 SAME_RAD = 1e-3
-WIDE_RAD, JUMPS = 0.5, 0.2
-"""Deviation of headings from which on degrees are thought of; how much of it they then jump from step to step
-at most, in the middle: headings with errors of their own jump by nearly all of it."""
+WIDE_RAD, UNTOLD_RAD, JUMPS = 0.5, 1.0, 0.2
+"""Deviation of headings from which on degrees are thought of, also where no scene tells the sensor's; how
+much of it they then jump from step to step at most: with errors of their own they jump by nearly all."""
 LEAST_STEPS = 5
 
 
@@ -94,7 +94,8 @@ def _headings(heading: Array | None, std: float, sensor_deg: float | None) -> li
     lines, most = [], float(np.abs(heading).max())
     if most > 2 * np.pi:
         lines.append(f"heading_rad: up to {most:.4g}: degrees?")
-    if not WIDE_RAD < std <= 90 or len(heading) < LEAST_STEPS:
+    wide = WIDE_RAD if sensor_deg is not None else UNTOLD_RAD
+    if not wide <= std <= 90 or len(heading) < LEAST_STEPS:
         return lines
     jump = float(np.median(np.abs(wrap(np.diff(np.radians(heading) if lines else heading)))))
     if jump < JUMPS * std and np.radians(sensor_deg or 0.0) < 0.5 * std:

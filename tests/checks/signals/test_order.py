@@ -86,3 +86,14 @@ def test_a_run_says_so_before_it_begins(tmp_path):
         own = gs.Recording.load(tmp_path / "z.h5")
         found = hints(sampled_scene([WALL], RADIO), "direct", own)
         assert [line for line in found if SAYS[name.split(",")[0]] in line] if name else not found
+
+
+@pytest.mark.parametrize("leak", [3.0, 10.0])
+def test_a_carrier_that_leaks_and_few_frequencies_tell_no_order(tmp_path, leak):
+    """What stands alone in the middle breaks off on both sides."""
+    for frequencies in (16, 32):
+        radio = RADIO | {"frequencies": frequencies}
+        level = leak * np.sqrt(np.mean(np.abs(told(tmp_path, radio)[1]) ** 2))
+        middle = level * (np.arange(frequencies) == frequencies // 2)
+        _, snapshots, form = told(tmp_path, radio, lambda z, middle=middle: z + middle)
+        assert shift_of(snapshots, form) == 0
