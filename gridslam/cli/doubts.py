@@ -12,6 +12,7 @@ from gridslam.cli.output import busy
 from gridslam.wording import counted, time_span
 
 if TYPE_CHECKING:
+    from gridslam.arrays import Array
     from gridslam.maps.map import Map
     from gridslam.measurements.observations import Observations
     from gridslam.runs.run import Run
@@ -300,9 +301,8 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
     found = [(run.agent, truth_note(world, run.agent, observed)) for run, observed in pairs]
     notes = [f"{agent}: {note}" for agent, note in found if note]
     for run, observed in pairs:
-        time = run.trajectory.time_s
         holes = [] if observed.truth is None else observed.truth.holes().tolist()
-        spans = [span for span in holes if ((time > span[0]) & (time < span[1])).any()]
+        spans = [span for span in holes if _within(run.trajectory.time_s, *span)]
         if spans:
             more = f", and in {counted(len(spans) - 1, 'other hole')}" * (len(spans) > 1)
             notes.append(
@@ -310,6 +310,11 @@ def truth_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observ
                 "steps in between aren't scored"
             )
     return notes
+
+
+def _within(time_s: Array, first: float, last: float) -> bool:
+    """Whether any of the times (N,) lies between two."""
+    return bool(((time_s > first) & (time_s < last)).any())
 
 
 def unknown_notes(world: Scene, runs: Sequence[Run], observations: Sequence[Observations]) -> list[str]:
