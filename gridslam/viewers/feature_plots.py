@@ -24,6 +24,8 @@ SIGHT = (-1, -1)
 KINDS = {MIRROR: ("mirror", "x"), SCATTERER: ("scatterer", "+"), FREE: ("free", "1")}
 OF_ANCHORS = BLUE, ORANGE, PURPLE, "#56B4E9", "#E69F00"
 """Colours of anchors' features, in turn; tracks are green."""
+MARGIN_M = 0.5
+"""Round features that set the scale."""
 
 
 def draw_sights(
@@ -74,12 +76,17 @@ def draw_features(
 ) -> Figure:  # fmt: skip
     """Learned features with three deviations, the larger the stronger, over true walls and tracks.
 
-    A colour for each anchor, a mark for each kind; what lies beyond the scene's region is counted.
+    A colour for each anchor, a mark for each kind. The region and the features near it set the scale, as
+    mirrors lie behind walls; those farther off than it is wide, and ellipses, don't.
     """
-    wide, high = (float(np.ptp(side)) for side in (scene.grid.x_m, scene.grid.y_m))
-    figure = blank(width, width * float(np.clip(high / wide, 0.3, 1.3)) + 0.6)
+    low, high = np.transpose([scene.grid.x_m, scene.grid.y_m])
+    near = (np.abs(features.position_m - 0.5 * (low + high)) < 1.5 * (high - low)).all(1)
+    shown = features.position_m[near]
+    places = np.concatenate([shown - MARGIN_M, shown + MARGIN_M, [low, high]])
+    low, high = places.min(0), places.max(0)
+    figure = blank(width, width * float(np.clip((high - low)[1] / (high - low)[0], 0.3, 1.3)) + 0.6)
     axes = figure.subplots()
-    axes.set(xlim=scene.grid.x_m, ylim=scene.grid.y_m, aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x (m)", ylabel="y (m)")
     pieces = scene.segments()
     for number, piece in enumerate(np.stack([pieces.start, pieces.end], 1)):
         axes.plot(*piece.T, color="k", lw=1.2, label=None if number else "true walls")
@@ -98,10 +105,9 @@ def draw_features(
     for whose in np.unique(features.anchor).tolist():
         color = OF_ANCHORS[whose % len(OF_ANCHORS)]
         axes.plot([], [], "o", color=color, mfc="none", label=f"of {scene.anchor_names[whose]}")
-    low, high_m = np.transpose([scene.grid.x_m, scene.grid.y_m])
-    beyond = int(((features.position_m < low) | (features.position_m > high_m)).any(1).sum())
+    beyond = int((~near).sum())
     if beyond:
-        axes.set_title(f"{counted(beyond, 'feature')} beyond the region", fontsize="small")
+        axes.set_title(f"{counted(beyond, 'feature')} far beyond the region", fontsize="small")
     anchors(axes, scene, 7.0)
     figure.legend(loc="outside lower center", ncols=4, fontsize="small", frameon=False)
     return figure

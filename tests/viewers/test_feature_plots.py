@@ -60,7 +60,10 @@ def test_every_feature_has_a_mark_and_an_ellipse(screen):
     wide = replace(table, covariance=100 * square, position_m=np.array([[1.0, 2.0], [3.0, 1.0], [90.0, 4.0]]))
     axes = draw_features(scene, wide, truth.trajectory).axes[0]
     assert (axes.get_xlim(), axes.get_ylim()) == (scene.grid.x_m, scene.grid.y_m)
-    assert axes.get_title() == "1 feature beyond the region"
+    assert axes.get_title() == "1 feature far beyond the region"
+    behind = replace(table, position_m=np.array([[1.0, 2.0], [3.0, 1.0], [16.0, 4.0]]))  # a wall's image
+    axes = draw_features(scene, behind, truth.trajectory).axes[0]
+    assert (axes.get_xlim(), axes.get_title()) == ((scene.grid.x_m[0], 16.5), "")
     two = gs.Scene.load("chamber")
     assert len(two.anchors) > 1
     axes = draw_features(two, replace(table, anchor=np.array([0, 1, 0])), truth.trajectory).axes[0]
