@@ -120,3 +120,4 @@ def test_a_nav2_map_that_was_cut_short_is_written_again(tmp_path):
     for name in ("map.pgm", "reflection.pgm", "reflection.yaml"):
         (tmp_path / name).unlink()
     GRID.to_nav2(tmp_path)
+    assert (tmp_path / "reflection.pgm").stat().st_size > 0
