@@ -1,9 +1,10 @@
 """Write the pages of the reference that follow from the code: `python docs/generate.py`.
 
 `scene-file.md` comes from the types of scenes, `file-formats.md` from the descriptions that writers and
-readers of files go by, and `methods.md` from the registry, so that none can say what isn't so; a test
-compares them with those committed. What keys of scenes mean is in gridslam/world/scene_keys.toml, what files
-and methods are in docs/formats.toml.
+readers of files go by, `methods.md` from the registry, and `model.md` and `notebook.md` from the pages in the
+folders of their names, so that none can say what isn't so; a test compares them with those committed. What
+keys of scenes mean is in gridslam/world/scene_keys.toml, what files, methods and pages are in
+docs/formats.toml.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
+from itertools import groupby
 from pathlib import Path
 
 from gridslam.bench.bench import Speed, StepSpeed
@@ -91,7 +93,7 @@ def methods_page() -> str:
     for name, entry in METHODS.items():
         page = entry.page.removeprefix("docs/")
         kept = "yes" if entry.takes_map else "no"
-        cells = entry.about, meaning("whose", name), entry.measures, kept, f"[{page.split('.')[0]}]({page})"
+        cells = entry.about, meaning("whose", name), entry.measures, kept, f"[{page.split('/')[0]}]({page})"
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
     for name in METHODS:
         lines += ["", f"## `{name}`", "", *meaning("methods", name).strip().splitlines()]
@@ -202,7 +204,89 @@ def _entries(entries: Iterable[Entry], what: str = "key", empty: str = "null, or
         yield f"| {' | '.join(cells)} |"
 
 
-PAGES = {"scene-file.md": scene_page, "file-formats.md": formats_page, "methods.md": methods_page}
+GIVEN = re.compile(r"\\text\{\(M\d+\)(?:, \(M\d+\))*\}|\*\*\(M\d+\)\*\*")
+"""A formula's number where it is given: beside the formula, or bold where a sentence is the formula."""
+
+
+def model_page() -> str:
+    """The model's sections with their pages, and each formula with the heading under which it is given."""
+    lines = ["# The model", "", *MEANINGS["page"]["model"].strip().splitlines()]
+    lines += ["", "## Sections", "", "| section | page | what is there | formulas |", "|---|---|---|---|"]
+    where: dict[int, tuple[str, str]] = {}
+    for name, page in _pages("model"):
+        given = dict(_given(page))
+        where |= {number: (name, place) for number, place in given.items()}
+        section, _, title = _title(page).partition(". ")
+        cells = section, f"[{title}](model/{name}.md)", meaning("model", name), _numbers(given)
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += ["", "## Formulas by number", "", "| numbers | where they are given |", "|---|---|"]
+    for ten, numbers in groupby(sorted(where), lambda number: number // 10):
+        runs = []
+        for name, run in groupby(numbers, lambda number: where[number][0]):
+            links = [f"[M{number}](model/{name}.md#{where[number][1]})" for number in run]
+            runs.append(f"{' '.join(links)} {name}")
+        lines.append(f"| {10 * ten} to {10 * ten + 9} | {'; '.join(runs)} |")
+    return "\n".join(lines) + "\n"
+
+
+def notebook_page() -> str:
+    """The pages of the notebook."""
+    lines = ["# Notebook", "", *MEANINGS["page"]["notebook"].strip().splitlines()]
+    lines += ["", "| page | what was tried and measured |", "|---|---|"]
+    for name, page in _pages("notebook"):
+        lines.append(f"| [{_title(page)}](notebook/{name}.md) | {meaning('notebook', name)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _pages(folder: str) -> Iterator[tuple[str, Path]]:
+    """Names and files of a folder's pages, in the order in which formats.toml tells of them."""
+    for page in sorted((DOCS / folder).glob("*.md")):
+        meaning(folder, page.stem)
+    for name in MEANINGS[folder]:
+        yield name, DOCS / folder / f"{name}.md"
+
+
+def _title(page: Path) -> str:
+    """What a page is called."""
+    return page.read_text(encoding="utf-8").partition("\n")[0].removeprefix("# ")
+
+
+def _given(page: Path) -> Iterator[tuple[int, str]]:
+    """Numbers of the formulas that a page gives, each with the name of the heading above it in links."""
+    names: list[str] = []
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if line.startswith("#"):
+            name = re.sub(r"[^\w\- ]", "", line.lstrip("#").strip().lower()).replace(" ", "-")
+            again = sum(re.fullmatch(rf"{re.escape(name)}(-\d+)?", other) is not None for other in names)
+            names.append(f"{name}-{again}" if again else name)
+        for found in GIVEN.findall(line):
+            yield from ((int(number), names[-1]) for number in re.findall(r"\d+", found))
+
+
+def _numbers(given: Iterable[int]) -> str:
+    """Formulas in a few words: M1 to M8, M15."""
+    runs: list[list[int]] = []
+    for number in sorted(given):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    joint = {1: ", ", 2: ", "}
+    return ", ".join(
+        f"M{run[0]}" if len(run) == 1 else f"M{run[0]}{joint.get(len(run), ' to ')}M{run[-1]}" for run in runs
+    )
+
+
+PAGES = {
+    f"{name}.md": draw
+    for name, draw in {
+        "scene-file": scene_page,
+        "file-formats": formats_page,
+        "methods": methods_page,
+        "model": model_page,
+        "notebook": notebook_page,
+    }.items()
+}
 
 if __name__ == "__main__":
     for page, draw in PAGES.items():

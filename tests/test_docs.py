@@ -26,6 +26,9 @@ FILE = re.compile(
     r"`((?:[\w-]+/)+[\w.-]*\.(?:py|md|toml|svg)|[\w-]+\.py|(?:[\w-]+/)+)`((?:: `[\w.]+`(?:, `[\w.]+`)*)?)"
 )
 
+MOST_WORDS, MOST_WORDS_OF_A_PARAGRAPH = 5000, 170
+"""Of a page of model or notebook."""
+
 
 @cache
 def texts() -> dict[Path, str]:
@@ -50,17 +53,31 @@ def prose(page: Path) -> str:
 
 
 @cache
-def anchors(page: Path) -> set[str]:
-    """What GitHub makes of a page's headings."""
-    found: set[str] = set()
-    for heading in HEADING.findall(prose(page)):
+def anchors(page: Path) -> dict[str, str]:
+    """What GitHub makes of a page's headings, with the text below each."""
+    found: dict[str, str] = {}
+    _, *parts = HEADING.split(prose(page))
+    for heading, text in zip(parts[::2], parts[1::2], strict=True):
         plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading)
         name = re.sub(r"[^\w\- ]", "", plain.lower()).replace(" ", "-")
         number = sum(
             other == name or re.fullmatch(rf"{re.escape(name)}-\d+", other) is not None for other in found
         )
-        found.add(f"{name}-{number}" if number else name)
+        found[f"{name}-{number}" if number else name] = text
     return found
+
+
+def model() -> str:
+    """The model, all of its pages."""
+    pages = [DOCS / "model.md", *sorted((DOCS / "model").glob("*.md"))]
+    assert len(pages) > 20
+    return "\n".join(page.read_text(encoding="utf-8") for page in pages)
+
+
+def given(text: str) -> list[str]:
+    """Formulas that get their number in a text: beside them, or bold where a sentence is the formula."""
+    found = re.findall(r"\\text\{(\(M\d+\)(?:, \(M\d+\))*)\}|\*\*(\(M\d+\))\*\*", text)
+    return [number for place in found for number in re.findall(r"\((M\d+)\)", "".join(place))]
 
 
 def found_at(name: str) -> Path | None:
@@ -91,14 +108,14 @@ def test_every_cited_key_is_in_the_bibliography():
 
 
 def test_every_formula_that_is_cited_is_in_the_model():
-    known = set(re.findall(r"\((M\d+)\)", (DOCS / "model.md").read_text(encoding="utf-8")))
+    known = set(given(model()))
     cited = {(name, file.name) for file, text in texts().items() for name in re.findall(r"\((M\d+)\)", text)}
     assert {pair for pair in cited if pair[0] not in known} == set()
 
 
 @pytest.mark.parametrize("room", ["gridslam/inference", "kernels"])
 def test_files_that_cite_formulas_are_named_in_the_model(room):
-    page = (DOCS / "model.md").read_text(encoding="utf-8")
+    page = model()
     cites = [
         str(file.relative_to(ROOT)).removeprefix("gridslam/")
         for file, text in texts().items()
@@ -109,8 +126,50 @@ def test_files_that_cite_formulas_are_named_in_the_model(room):
 
 
 def test_numbers_in_the_model_are_given_once():
-    given = re.findall(r"\\text\{\((M\d+)\)\}", (DOCS / "model.md").read_text(encoding="utf-8"))
-    assert len(given) == len(set(given)) > 40
+    numbers = given(model())
+    assert len(numbers) == len(set(numbers)) > 240
+
+
+def test_every_formula_is_listed_with_the_heading_below_which_it_is_given():
+    """The index leads from a number alone to the formula: to its page, and to the heading above it."""
+    index = (DOCS / "model.md").read_text(encoding="utf-8")
+    listed = re.findall(r"\[(M\d+)\]\(model/([\w-]+)\.md#([\w-]+)\)", index)
+    there = [
+        (number, page.stem, place)
+        for page in (DOCS / "model").glob("*.md")
+        for place, text in anchors(page).items()
+        for number in given(text)
+    ]
+    assert sorted(listed) == sorted(there)
+    assert listed == sorted(listed, key=lambda one: int(one[0][1:]))
+
+
+def test_every_page_of_the_model_is_listed_with_the_formulas_that_it_gives():
+    index = (DOCS / "model.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\d+) \| \[.*?\]\(model/([\w-]+)\.md\) \| .* \| (.*) \|$", index, re.M)
+    assert [int(section) for section, *_ in rows] == sorted(int(section) for section, *_ in rows)
+    assert {section for section, *_ in rows} == {str(section) for section in range(1, 17)}
+    assert {name for _, name, _ in rows} == {page.stem for page in (DOCS / "model").glob("*.md")}
+    for section, name, formulas in rows:
+        text = (DOCS / "model" / f"{name}.md").read_text(encoding="utf-8")
+        runs = [[int(n) for n in re.findall(r"\d+", run)] for run in formulas.split(", ")]
+        numbers = {f"M{n}" for run in runs for n in range(run[0], run[-1] + 1)}
+        assert numbers == set(given(text)), name
+        assert text.startswith(f"# {section}. "), name
+
+
+@pytest.mark.parametrize("folder", ["model", "notebook"])
+def test_pages_of_model_and_notebook_can_be_read_at_a_sitting(folder):
+    """They were one page of 39 000 words and one of 36 000."""
+    index = (DOCS / f"{folder}.md").read_text(encoding="utf-8")
+    pages = {page.stem: page for page in (DOCS / folder).glob("*.md")}
+    assert set(re.findall(rf"\]\({folder}/([\w-]+)\.md\)", index)) == set(pages)
+    for name, page in pages.items():
+        text = page.read_text(encoding="utf-8")
+        assert len(text.split()) < MOST_WORDS, name
+        for paragraph in re.sub(r"^(\|.*|\$\$.*?^\$\$)$", "", text, flags=re.M | re.S).split("\n\n"):
+            words = re.sub(r"\$[^$]+\$", "x", paragraph).split()
+            assert len(words) < MOST_WORDS_OF_A_PARAGRAPH, (name, paragraph[:60])
 
 
 @pytest.mark.parametrize("pattern", [r"papers? 00\d", r"(?<![\w/(`-])model\.md"], ids=["paper", "model"])
@@ -167,7 +226,7 @@ def test_picture_of_the_architecture_shows_the_floors_that_are_tested():
     assert [" ".join(floors[y]) for y in sorted(floors)] == list(FLOORS)
 
 
-@pytest.mark.parametrize("page", ["scene-file.md", "file-formats.md", "methods.md"])
+@pytest.mark.parametrize("page", ["scene-file.md", "file-formats.md", "methods.md", "model.md", "notebook.md"])
 def test_generated_page_is_the_one_that_is_committed(page):
     """If it isn't: `python docs/generate.py` (and a line on what is new, where it says so)."""
     drawn = script("generate").PAGES
@@ -176,7 +235,9 @@ def test_generated_page_is_the_one_that_is_committed(page):
 
 
 def test_every_page_is_listed_for_readers_here_and_in_the_built_pages():
+    """Those of model and notebook by their indices, below which conf.py hangs them."""
     pages = {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")}
+    pages = {page for page in pages if not page.startswith(("model/", "notebook/"))}
     listed = set(re.findall(r"\]\(([\w/-]+\.md)", (DOCS / "README.md").read_text(encoding="utf-8")))
     assert listed == pages - {"README.md", "index.md", "api-reference.md"}
     tree = re.findall(r"^([a-z][\w/-]+)$", (DOCS / "index.md").read_text(encoding="utf-8"), re.M)

@@ -18,10 +18,11 @@ SENTENCES = {name for name, value in vars(reasons).items() if inspect.isfunction
 def test_the_docstring_of_the_folder_lists_every_reason_with_a_formula_or_a_section():
     listed = set(re.findall(r"`(\w+)`", health.__doc__))
     assert SENTENCES | {"NOT_FOUND", "OFF_GRID", "ASTRAY"} <= listed
-    page = (PACKAGE.parent / "docs/model.md").read_text(encoding="utf-8")
+    pages = (PACKAGE.parent / "docs/model").glob("*.md")
+    page = "".join(page.read_text(encoding="utf-8") for page in pages)
     numbers = re.findall(r"\((M\d+)\)", health.__doc__)
     assert {"M46", "M206", "M253", "M262"} <= set(numbers)
-    assert all(rf"\text{{({number})}}" in page or f"({number})" in page for number in numbers)
+    assert all(rf"\text{{({number})}}" in page or f"**({number})**" in page for number in numbers)
 
 
 def test_no_other_room_says_a_reason_in_words_of_its_own():
