@@ -27,7 +27,7 @@ suppress_warnings = ["myst.xref_missing", "ref.python"]
 
 
 def hang(_: Sphinx, name: str, source: list[str]) -> None:
-    """Hangs the pages that the indices of model and notebook list below them in the side bar, in their order."""
+    """Hangs the pages that the indices of model and notebook list below them, in their order."""
     if name in ("model", "notebook"):
         pages = re.findall(rf"\]\(({name}/[\w-]+)\.md\)", source[0])
         source[0] += "\n".join(("", "```{toctree}", ":hidden:", "", *pages, "```", ""))

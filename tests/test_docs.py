@@ -26,6 +26,7 @@ FILE = re.compile(
     r"`((?:[\w-]+/)+[\w.-]*\.(?:py|md|toml|svg)|[\w-]+\.py|(?:[\w-]+/)+)`((?:: `[\w.]+`(?:, `[\w.]+`)*)?)"
 )
 
+GENERATED = ("scene-file", "file-formats", "methods", "model", "notebook")
 MOST_WORDS, MOST_WORDS_OF_A_PARAGRAPH = 5000, 170
 """Of a page of model or notebook."""
 
@@ -226,7 +227,7 @@ def test_picture_of_the_architecture_shows_the_floors_that_are_tested():
     assert [" ".join(floors[y]) for y in sorted(floors)] == list(FLOORS)
 
 
-@pytest.mark.parametrize("page", ["scene-file.md", "file-formats.md", "methods.md", "model.md", "notebook.md"])
+@pytest.mark.parametrize("page", [f"{name}.md" for name in GENERATED])
 def test_generated_page_is_the_one_that_is_committed(page):
     """If it isn't: `python docs/generate.py` (and a line on what is new, where it says so)."""
     drawn = script("generate").PAGES
