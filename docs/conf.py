@@ -2,6 +2,7 @@
 
 import re
 from importlib.metadata import version as version_of
+from pathlib import Path
 
 from sphinx.application import Sphinx
 
@@ -26,13 +27,23 @@ napoleon_use_rtype, napoleon_use_ivar = False, True
 suppress_warnings = ["myst.xref_missing", "ref.python"]
 
 
-def hang(_: Sphinx, name: str, source: list[str]) -> None:
-    """Hangs the pages that the indices of model and notebook list below them, in their order."""
-    if name in ("model", "notebook"):
+ALONE = r"^```.*?^```|\$\$.*?\$\$|\$[^$]*\$|`[^`]*`|\[[^\[\]]*\]\([^)\s]*\)"
+FORMULA = re.compile(rf"({ALONE})|\((M\d+)\)", re.M | re.S)
+"""A formula that is cited, as (M1), or, first, what is left alone."""
+
+
+def finish(app: Sphinx, name: str, source: list[str]) -> None:
+    """What pages have here beyond what GitHub shows: pages below their index, and formulas that are links."""
+    if name in ("model", "notebook"):  # the side bar has what they list, in their order
         pages = re.findall(rf"\]\(({name}/[\w-]+)\.md\)", source[0])
         source[0] += "\n".join(("", "```{toctree}", ":hidden:", "", *pages, "```", ""))
+    index = (Path(app.srcdir) / "model.md").read_text(encoding="utf-8")
+    where = dict(re.findall(r"\[(M\d+)\]\((model/[^)]+)\)", index))
+    source[0] = FORMULA.sub(
+        lambda found: f"([{found[2]}](/{where[found[2]]}))" if found[2] in where else found[0], source[0]
+    )
 
 
 def setup(app: Sphinx) -> None:
     """What Sphinx calls."""
-    app.connect("source-read", hang)
+    app.connect("source-read", finish)
