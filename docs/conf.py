@@ -37,7 +37,7 @@ def finish(app: Sphinx, name: str, source: list[str]) -> None:
     if name in ("model", "notebook"):  # the side bar has what they list, in their order
         pages = re.findall(rf"\]\(({name}/[\w-]+)\.md\)", source[0])
         source[0] += "\n".join(("", "```{toctree}", ":hidden:", "", *pages, "```", ""))
-    index = (Path(app.srcdir) / "model.md").read_text(encoding="utf-8")
+    index = Path(app.env.doc2path("model")).read_text(encoding="utf-8")
     where = dict(re.findall(r"\[(M\d+)\]\((model/[^)]+)\)", index))
     source[0] = FORMULA.sub(
         lambda found: f"([{found[2]}](/{where[found[2]]}))" if found[2] in where else found[0], source[0]

@@ -27,7 +27,7 @@ FILE = re.compile(
 )
 
 GENERATED = ("scene-file", "file-formats", "methods", "model", "notebook")
-MOST_WORDS, MOST_WORDS_OF_A_PARAGRAPH = 5000, 170
+MOST_WORDS, MOST_WORDS_OF_A_PARAGRAPH = 5000, 150
 """Of a page of model or notebook."""
 
 
