@@ -16,7 +16,7 @@ from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.representation import representation_of
 from gridslam.inference.management.step_info import StepInfo, conclude
 from gridslam.inference.messages.anchor_frames import back_in_scene, seen_from, with_mountings
-from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.birth_gates import admitted_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.double_bounces import put_off_double_bounces
@@ -31,7 +31,6 @@ from gridslam.inference.messages.ray_amplitudes import (
     update_amplitudes,
 )
 from gridslam.inference.messages.scatterers import weigh_forms
-from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.surface_walk import learn_surface_walks
 from gridslam.inference.messages.unexplained import gather_unexplained, none_yet
 from gridslam.inference.messages.updates import Exchange, in_turn
@@ -86,10 +85,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         )
         ratios = weigh_elevations(state, anchor_scan, paths, ratios, radio, model)  # (M302)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)  # (M46)
-        births, ratios = propose_births(  # eq. (22)
-            state, anchor_scan, cloud, ratios, radio, model, work=work
+        births, ratios = admitted_births(  # eq. (22), (M549)
+            state, anchor_scan, cloud, paths, ratios, radio, model, work=work
         )
-        births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
         births, ratios = weigh_by_leftovers(births, state, anchor_scan, ratios, radio, model)  # (M251)
         births, ratios = weigh_by_elevations(births, state, anchor_scan, ratios, radio, model)  # (M303)
         state, exchange = representation.update_surfaces_and_agent(  # V-B, 4 to 6 and 8

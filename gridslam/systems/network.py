@@ -20,7 +20,7 @@ from gridslam.inference.management.network.recovery import recover_agents
 from gridslam.inference.management.no_mirrors import drop_shared_no_mirrors
 from gridslam.inference.management.poses.pose_recovery import recover_pose
 from gridslam.inference.management.step_info import NetworkInfo, StepInfo, conclude
-from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.birth_gates import admitted_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
@@ -30,7 +30,6 @@ from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.network.clock_setting import doubt_clocks, loosened, set_clocks
 from gridslam.inference.messages.network.clock_ties import challenge_ties
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
-from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
 from gridslam.inference.messages.path_prediction import predict_paths
@@ -40,7 +39,6 @@ from gridslam.inference.messages.ray_amplitudes import (
     update_amplitudes,
 )
 from gridslam.inference.messages.scatterers import weigh_forms
-from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.surface_walk import learn_shared_walks
 from gridslam.inference.messages.updates import Exchange, in_turn, update_surfaces_and_agent
@@ -237,10 +235,8 @@ def turn(
         amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)
         cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
-        births, ratios = propose_births(state, anchor_scan, cloud, ratios, radio, model, senders, work=work)
-        births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
-        births = without_double_bounces(  # (M491)
-            births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
+        births, ratios = admitted_births(  # (M549), (M491)
+            state, anchor_scan, cloud, paths, ratios, radio, model, senders, work=work
         )
         ratios = without_open_clocks(ratios, paths.rays, network, agent)  # (M496)
         sure = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)

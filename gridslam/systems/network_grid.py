@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from gridslam.inference.management.step_info import NetworkInfo, StepInfo, conclude
-from gridslam.inference.messages.birth_proposals import propose_births
+from gridslam.inference.messages.birth_gates import admitted_births
 from gridslam.inference.messages.births import add_births
 from gridslam.inference.messages.cells import cast_paths
 from gridslam.inference.messages.clutter import learn_clutter
@@ -19,10 +19,8 @@ from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
-from gridslam.inference.messages.network.double_births import without_double_bounces
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.scatterers import weigh_forms
-from gridslam.inference.messages.sight_births import leave_sights
 from gridslam.inference.messages.strengths import correct_by_strengths
 from gridslam.inference.messages.updates import Exchange, in_turn, update_surfaces_and_agent
 from gridslam.inference.state.grid import Grid
@@ -88,12 +86,8 @@ def turn(
         amplitudes = Reflected(visible.products, radio)  # eq. (2)
         cloud, ratios = evaluate(anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work)
         state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
-        births, ratios = propose_births(  # eq. (11)
-            state, anchor_scan, cloud, ratios, radio, model, senders, work=work
-        )
-        births, ratios = leave_sights(births, state, anchor_scan, paths, ratios, radio)  # (M549)
-        births = without_double_bounces(  # (M491)
-            births, state, anchor_scan, cloud, ratios, radio, model, senders, work=work
+        births, ratios = admitted_births(  # eq. (11), (M549), (M491)
+            state, anchor_scan, cloud, paths, ratios, radio, model, senders, work=work
         )
         ratios = without_open_clocks(ratios, paths.rays, network, agent)  # (M496)
         sure = without_doubtful_departures(ratios, paths.rays, state, model)  # (M461)

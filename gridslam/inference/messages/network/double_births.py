@@ -8,6 +8,7 @@ distance, departure and arrival all fit it. docs/model.md, (M491).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.beliefs.layout import HEADING
@@ -30,7 +31,7 @@ KNOWN_M = 0.1
 
 def without_double_bounces(
     births: Births, state: State, scan: AnchorScan, cloud: Cloud, ratios: LikelihoodRatios,
-    radio: RadioModel, model: FilterModel, senders: np.ndarray, *, work: Workspace,
+    radio: RadioModel, model: FilterModel, senders: NDArray[np.int32] | None, *, work: Workspace,
 ) -> Births:  # fmt: skip
     """The births of `propose_births`, given what that was, without single bounces that may be double ones.
 
@@ -46,8 +47,8 @@ def without_double_bounces(
         The particles that the ratios were evaluated at.
     radio : RadioModel
         As the anchor's radio seems to be.
-    senders : (A,) int32
-        Anchors whose paths may bear surfaces.
+    senders : (A,) int32 or None
+        Anchors whose paths may bear surfaces; None: all.
     """
     x, y = state.belief.covariance.diagonal()[:2].tolist()
     if not (len(births) and state.belief.clocks and model.max_bounces > 1 and x + y > KNOWN_M**2):

@@ -1,0 +1,32 @@
+"""What may bear surfaces is told in one place, by which all systems on paths go."""
+
+import pytest
+from scene_samples import shortened
+
+import gridslam as gs
+from gridslam.inference.messages import birth_gates
+from gridslam.inference.messages.births import Births, with_births
+
+SYSTEMS = [gs.GridSlam, gs.AdaptiveSlam, gs.NetworkSlam, gs.NetworkGridSlam]
+
+
+@pytest.mark.parametrize("gate", ["leave_sights", "without_double_bounces"])
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_what_a_gate_shuts_out_is_born_in_no_system(system, gate, monkeypatch):
+    scene = shortened(gs.Scene.load("room"), 4).with_filter(particles=256)
+    plain, shut, asked = system(scene, seed=3), system(scene, seed=3), []
+
+    def closed(births, state, scan, cloud_or_paths, ratios, *more, **work):
+        asked.append(len(births))
+        nothing = Births.none()
+        return (nothing, with_births(ratios, nothing)) if gate == "leave_sights" else nothing
+
+    for scan in gs.simulate(scene, "agent1", seed=2):
+        plain.step(scan)
+        with monkeypatch.context() as patch:
+            patch.setattr(birth_gates, gate, closed)
+            estimate = shut.step(scan)
+    assert len(plain.state.surfaces)
+    assert any(asked)
+    assert not len(shut.state.surfaces)
+    assert not len(estimate.surfaces)
