@@ -11,6 +11,7 @@ import gridslam as gs
 from gridslam.inference.health import reasons
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import birth_rate, find_births
+from gridslam.inference.messages.samples.noise_levels import median_noise
 from gridslam.inference.messages.samples.path_levels import first_noise
 from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.samples.images import DirectState
@@ -164,7 +165,7 @@ def test_a_first_snapshot_of_many_paths_is_taken_apart_at_once():
 
 def test_the_first_noise_is_not_what_many_paths_leave_in_every_cell():
     band, rng = Band.of(1e7 * (np.arange(41) - 20)), np.random.default_rng(5)
-    cells, alone, many, plain = band.folding_m / 41 * np.arange(41), [], [], []
+    cells, alone, many, plain, quiet = band.folding_m / 41 * np.arange(41), [], [], [], []
     for _ in range(200):
         distance, power = rng.uniform(3, 18, 10), 10 ** rng.uniform(1, 3.5, 10)
         amplitude = np.sqrt(power) * np.exp(2j * np.pi * rng.random(10))
@@ -172,8 +173,10 @@ def test_the_first_noise_is_not_what_many_paths_leave_in_every_cell():
         samples = amplitude @ band.response(distance) + noise
         alone.append(first_noise(band, noise, cells))
         many.append(first_noise(band, samples, cells))
-        plain.append(np.median(np.abs(np.conj(band.response(cells)) @ samples) ** 2) / np.log(2))
+        plain.append(median_noise(np.abs(np.conj(band.response(cells)) @ samples) ** 2))
+        quiet.append(median_noise(np.abs(np.conj(band.response(cells)) @ noise) ** 2))
     assert np.mean(alone) == pytest.approx(1.0, abs=0.25)
+    assert np.mean(quiet) == pytest.approx(1.0, abs=0.1)
     assert np.median(many) < 0.4 * np.median(plain)
     assert np.median(many) < 2.5
 

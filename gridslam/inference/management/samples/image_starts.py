@@ -17,6 +17,7 @@ from gridslam.inference.management.mixture import SLACK, TOGETHER
 from gridslam.inference.messages.samples.distance_mode import FREE_M
 from gridslam.inference.messages.samples.image_births import FoundDistances, birth_rate
 from gridslam.inference.messages.samples.image_prediction import predict_state
+from gridslam.inference.messages.samples.noise_levels import median_noise
 from gridslam.inference.messages.samples.open_distances import INTENSITIES_DB
 from gridslam.inference.messages.samples.signal_likelihood import Band, Complex, Inverse, band_of
 from gridslam.inference.state.population import Population
@@ -178,7 +179,7 @@ def find_peaks(band: Band, samples: Complex, noise: float) -> Array:
     """Lengths (K,) m of the paths of a snapshot, roughly, one by one."""
     cells = band.folding_m / len(band) * np.arange(len(band))
     if noise <= 0:
-        noise = float(np.median(np.abs(np.conj(band.response(cells)) @ samples) ** 2)) / np.log(2)
+        noise = median_noise(np.abs(np.conj(band.response(cells)) @ samples) ** 2)
     found, weight = np.zeros(0), np.zeros(0)
     levels = noise * 10 ** (INTENSITIES_DB / 10)
     for _ in range(PEAKS):

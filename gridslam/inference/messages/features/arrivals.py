@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.inference.messages.features.feature_likelihood import Front
 from gridslam.inference.messages.features.matched_outputs import COARSE_ROWS, ROWS
+from gridslam.inference.messages.samples.noise_levels import median_noise
 
 Complex = NDArray[np.complex128]
 STRIDE = 2
@@ -71,7 +72,7 @@ class Arrivals:
     def of(cls, samples: Complex, front: Front, before: Complex | None = None) -> Self:
         """Those of the samples (N, M) of a step, and of the one before."""
         part = front.coarse(samples[None])[0, ::STRIDE].astype(np.float64)
-        noise = max(float(np.median((part**2).sum(-1)) / np.log(2)), 1e-300)
+        noise = max(median_noise((part**2).sum(-1)), 1e-300)
         apart = STRIDE * ROWS // COARSE_ROWS
         pulse = front.pulse[::apart, 0] / front.pulse[0, 0]
         output = part[..., 0] + 1j * part[..., 1]

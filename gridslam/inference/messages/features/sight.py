@@ -16,6 +16,7 @@ from gridslam.arrays import Array
 from gridslam.inference.messages.features.arrivals import COST, Arrivals
 from gridslam.inference.messages.features.feature_likelihood import Front, Tables
 from gridslam.inference.messages.features.presence import APPEARS, STAYS
+from gridslam.inference.messages.samples.noise_levels import median_noise
 from gridslam.inference.state.features.features import MOVING, places
 from gridslam.inference.state.features.hybrid_state import JointBelief, ParticleBelief
 from gridslam.world.signal_model import SignalModel
@@ -51,7 +52,7 @@ def rescaled(belief: JointBelief, tables: list[Tables], audible: NDArray[np.bool
     """The belief before the first step in units of these samples, by the noise's power."""
     noise, bank = belief.noise.copy(), belief.features
     for j in np.flatnonzero(audible):
-        noise[j] = max(np.median(_squares(tables[j])) / np.log(2), 1e-300)
+        noise[j] = max(median_noise(_squares(tables[j])), 1e-300)
     power = bank.power * (noise / belief.noise)[bank.anchor]
     return replace(belief, noise=noise, features=replace(bank, power=power))
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.inference.messages.published.sampling import resampled
+from gridslam.inference.messages.samples.noise_levels import median_noise
 from gridslam.inference.messages.samples.open_distances import INTENSITIES_DB
 from gridslam.inference.messages.samples.response_series import ResponseSeries
 from gridslam.inference.messages.samples.signal_likelihood import Band, Inverse, log_ratio
@@ -56,7 +57,7 @@ def start_particles(state: ParticleState, anchor: int, band: Band, samples: Comp
     cells = band.folding_m / len(band) * np.arange(len(band))
     power = np.abs(np.conj(band.response(cells)) @ samples) ** 2
     noise = state.noise.copy()
-    noise[anchor] = np.median(power) / np.log(2)
+    noise[anchor] = median_noise(power)
     row = np.flatnonzero((state.features.anchor == anchor) & state.features.fixed)
     intensity = state.features.intensity.copy()
     spread = np.geomspace(0.1, 2.0, intensity.shape[1])

@@ -17,7 +17,7 @@ from gridslam.inference.messages.path_prediction import PredictedPaths
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.samples.array_likelihood import ArrayBand, Complex, one_more
 from gridslam.inference.messages.samples.array_search import FoundPaths, find_paths
-from gridslam.inference.messages.samples.noise_levels import learned_noise
+from gridslam.inference.messages.samples.noise_levels import learned_noise, median_noise
 from gridslam.inference.messages.samples.signal_likelihood import log_ratio
 from gridslam.inference.messages.samples.state_mode import PathsPrior, is_wide, paths_at
 from gridslam.inference.state.population import moments
@@ -124,7 +124,7 @@ def start_noise(state: State, anchor: int, scan: SignalScan, model: SignalModel)
         given = model.waveform.noise_std
         samples, pulse = scan.samples[anchor], np.conj(model.waveform.pulse)
         power = np.abs(np.fft.fft(samples * pulse, axis=-1)) ** 2
-        noise[anchor] = np.median(power) / np.log(2) if given is None else given[anchor] ** 2
+        noise[anchor] = median_noise(power) if given is None else given[anchor] ** 2
         noise[anchor] = max(float(noise[anchor]), 1e-12 * float(np.mean(np.abs(samples) ** 2)))
     return replace(state, noise=noise)
 

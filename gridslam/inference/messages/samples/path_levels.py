@@ -13,7 +13,7 @@ from gridslam.inference.messages.samples.distance_mode import Mode
 from gridslam.inference.messages.samples.image_births import FoundDistances
 from gridslam.inference.messages.samples.image_prediction import AnchorPaths, image_distances
 from gridslam.inference.messages.samples.image_proposals import judge_proposals
-from gridslam.inference.messages.samples.noise_levels import learned_noise
+from gridslam.inference.messages.samples.noise_levels import learned_noise, quiet_noise
 from gridslam.inference.messages.samples.signal_likelihood import Band, log_ratio
 from gridslam.inference.state.rings import follow, symmetric
 from gridslam.inference.state.samples.images import MEMORY, DirectState, Links
@@ -23,8 +23,6 @@ Complex = NDArray[np.complex128]
 FIRST_SHARE, FIRST_HEARD = 0.5, 3.0
 """An anchor's own path begins with no less than this share of the strongest, as if heard so often: it may
 have faded, and a reflection next to it that is believed to be stronger would take its place."""
-QUIET = 0.25
-"""Share of the delay cells that surely hold no path at first."""
 CERTAIN = 1 - 1e-7
 USURPED_BELOW, USURPER_ABOVE, USURPER_M, USURPED_STEPS = 0.3, 0.5, 0.2, 5
 """When another path has taken the line of sight's place: visibility below, existence above, gap, steps."""
@@ -63,7 +61,7 @@ def first_noise(band: Band, samples: Complex, cells: Array) -> float:
     window = np.hanning(len(band) + 2)[1:-1]
     power = np.abs(np.conj(band.response(cells)) @ (window * samples)) ** 2
     share = float(np.square(np.abs(band.pulse)) @ np.square(window))
-    return float(np.quantile(power, QUIET)) / (-np.log1p(-QUIET) * share)
+    return quiet_noise(power, share)
 
 
 def update_levels(state: DirectState, paths: AnchorPaths, found: FoundDistances) -> DirectState:
