@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gridslam.estimate_tables import FeatureEstimate
+from gridslam.maps.feature_rows import SAME_PLACE_M, places_and_lengths
 
 if TYPE_CHECKING:
     from gridslam.maps.map_cells import MapCells
 
-SAME_PLACE_M = 0.01
 MERGE_MAHALANOBIS = 3.0
 SLACK_M = 0.02
 """Added to the deviations of two features' places and extra lengths."""
@@ -62,16 +62,12 @@ def _scaled(table: FeatureEstimate, level: float) -> FeatureEstimate:
     )
 
 
-def _place(table: FeatureEstimate) -> np.ndarray:
-    """x, y and bias, (F, 3)."""
-    return np.column_stack([table.position_m, table.bias_m])
-
-
 def _distance(rows: FeatureEstimate, old: int, new: int) -> float:
     """Mahalanobis distance of two features, infinite if they are of different anchors."""
     if np.hypot(*(rows.anchor_m[old] - rows.anchor_m[new])) > SAME_PLACE_M:
         return float(np.inf)
-    gap = _place(rows)[new] - _place(rows)[old]
+    place = places_and_lengths(rows)
+    gap = place[new] - place[old]
     square = rows.covariance[old, :3, :3] + rows.covariance[new, :3, :3] + SLACK_M**2 * np.eye(3)
     return float(np.sqrt(gap @ np.linalg.solve(square, gap)))
 
@@ -80,8 +76,9 @@ def _merged(rows: FeatureEstimate) -> FeatureEstimate:
     """One feature (a table of one row) from estimates of the same, weighted by their covariances."""
     if len(rows) == 1:
         return rows
-    place, square = _place(rows)[0], rows.covariance[0, :3, :3]
-    for other, own in zip(_place(rows)[1:], rows.covariance[1:, :3, :3], strict=True):
+    every = places_and_lengths(rows)
+    place, square = every[0], rows.covariance[0, :3, :3]
+    for other, own in zip(every[1:], rows.covariance[1:, :3, :3], strict=True):
         gain = square @ np.linalg.inv(square + own + 1e-12 * np.eye(3))
         place, square = place + gain @ (other - place), square - gain @ square
     weight = np.maximum(rows.steps_seen, 1)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gridslam.errors import InputError
+from gridslam.maps.feature_rows import SAME_PLACE_M, of_anchor
 from gridslam.maps.map import Map
 from gridslam.maps.map_cells import ANCHOR_KEYS, anchors_of
 from gridslam.maps.run_identity import refuse_repeated_runs
@@ -23,8 +24,6 @@ from gridslam.maps.run_identity import refuse_repeated_runs
 if TYPE_CHECKING:
     from gridslam.world.scene import Scene
 
-SAME_PLACE_M = 0.01
-"""Anchors are surveyed better than this."""
 FAR = 4.0
 """Deviations beyond which an anchor doesn't stand where it was learned to."""
 
@@ -155,8 +154,8 @@ def _surveyed(
             continue
         notes.append(f"{where}: its anchor {name} is the scene's, {off:.2g} m from where its maker was told")
         if table is not None:
-            own = np.hypot(*(table.anchor_m - there).T) < SAME_PLACE_M
-            table = replace(table, anchor_m=np.where(own[:, None], here, table.anchor_m))
+            own = of_anchor(table, np.asarray(there))[:, None]
+            table = replace(table, anchor_m=np.where(own, here, table.anchor_m))
     return (grid if table is grid.features else replace(grid, features=table)), notes
 
 

@@ -8,7 +8,8 @@ from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.inference.management.features.surface_features import image_features
 from gridslam.inference.messages.features.radio_errors import Known, RadioErrors, radio_errors
-from gridslam.maps.frames import SAME_PLACE_M, fitted, refuse_lost
+from gridslam.maps.feature_rows import of_anchor, places_and_lengths
+from gridslam.maps.frames import fitted, refuse_lost
 from gridslam.maps.map import Map
 from gridslam.measurements.recording import Recording
 from gridslam.world.scene import Scene
@@ -72,8 +73,7 @@ def calibrate(
     for j, anchor in enumerate(model.anchors[:, :2]):
         paths = np.array([[*anchor, 0.0]])
         if table is not None:
-            own = np.hypot(*(table.anchor_m - anchor).T) < SAME_PLACE_M
-            paths = np.concatenate([paths, np.column_stack([table.position_m, table.bias_m])[own]])
+            paths = np.concatenate([paths, places_and_lengths(table)[of_anchor(table, anchor)]])
         received = recording.heard[:, j]
         if received.any():
             samples = np.asarray(recording.samples[received, j, 0], np.complex128)

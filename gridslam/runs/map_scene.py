@@ -11,7 +11,8 @@ import numpy as np
 from gridslam import runtime
 from gridslam.errors import InputError
 from gridslam.estimates import Estimate
-from gridslam.maps.frames import SAME_PLACE_M, fitted, stamped
+from gridslam.maps.feature_rows import SAME_PLACE_M
+from gridslam.maps.frames import fitted, stamped
 from gridslam.maps.map import Map
 from gridslam.measurements.observations import Observations, require_kind
 from gridslam.measurements.recording import Recording

@@ -10,7 +10,8 @@ import gridslam as gs
 from gridslam.drawing.map_figure import draw_map
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FeatureEstimate
-from gridslam.maps.frames import SAME_PLACE_M, fitted
+from gridslam.maps.feature_rows import SAME_PLACE_M
+from gridslam.maps.frames import fitted
 from gridslam.systems.handed_anchors import learned_anchors, map_anchors
 
 

@@ -8,7 +8,8 @@ from feature_samples import learned, surfaces
 from signal_worlds import signal_model
 
 from gridslam.estimate_tables import FREE, MIRROR, SCATTERER
-from gridslam.inference.management.features.sharing import TIED_M, handed_over
+from gridslam.inference.management.features.sharing import handed_over
+from gridslam.maps.feature_rows import TIED_M
 from gridslam.world.geometry import mirror
 
 ANCHORS = np.array([[3.0, 4.0, 0.0], [-5.0, 1.0, 0.0]])

@@ -21,12 +21,12 @@ from gridslam.inference.state.features.features import (
     places,
 )
 from gridslam.inference.state.features.hybrid_state import JointBelief
+from gridslam.maps.feature_rows import chosen, own_covariance, owners
 
 SURE = 2.0
 """Deviations within which a feature counts as a mirror image or a scatterer."""
 POWER_STD = float(np.sqrt(FORGETS / (2 - FORGETS)))
 """Deviation of a running mean of exponential powers, in units of their mean."""
-SAME_PLACE_M = 0.01
 SURELY_M = 0.05
 """Deviation of an extra length up to which a mirror is sure to be one, in a crowd or not."""
 NEAREST_M = 0.5
@@ -49,7 +49,7 @@ def feature_estimate(belief: JointBelief, anchors: Array) -> tuple[FeatureEstima
     covariance = np.zeros((count, 4, 4))
     for n in range(count):
         at = slice(ENTRIES * n, ENTRIES * (n + 1))
-        covariance[n, :3, :3], covariance[n, 3, 3] = joint[at, at], (POWER_STD * bank.power[n]) ** 2
+        covariance[n] = with_power(joint[at, at], bank.power[n])
     kind = [
         classify(p, c[:3, :3], anchors[a]) for p, c, a in zip(place, covariance, bank.anchor, strict=True)
     ]
@@ -59,6 +59,13 @@ def feature_estimate(belief: JointBelief, anchors: Array) -> tuple[FeatureEstima
         bank.steps_seen.copy(), bank.last_step.copy(),
     )  # fmt: skip
     return table, joint
+
+
+def with_power(square: Array, power: float) -> Array:
+    """Covariance (4, 4) of x, y, b and of the power, a running mean, by that of x, y, b (3, 3)."""
+    covariance = np.zeros((4, 4))
+    covariance[:3, :3], covariance[3, 3] = square, (POWER_STD * power) ** 2
+    return covariance
 
 
 def classify(place: Array, covariance: Array, anchor_m: Array) -> int:
@@ -86,15 +93,12 @@ def with_features(
     anchors : (J, 2) m
         Features of others are left out.
     """
-    gap = np.linalg.norm(table.anchor_m[:, None] - anchors, axis=-1).reshape(len(table), len(anchors))
-    whose = np.where(gap.min(1, initial=np.inf) < SAME_PLACE_M, gap.argmin(1), -1)
-    keep = whose >= 0
-    table, whose = table.take(keep), whose[keep]
-    count = len(table)
+    whose = owners(table, anchors)
+    rows = np.flatnonzero(whose >= 0)
+    table, square = chosen(table, own_covariance(table) if joint is None else joint, rows)
+    whose, count = whose[rows], len(table)
     if not count:
         return belief
-    rows = np.repeat(keep, ENTRIES)
-    square = block_diag(*table.covariance[:, :3, :3]) if joint is None else joint[np.ix_(rows, rows)]
     origin = np.tile(belief.mean[:2], (count, 1))
     near = np.hypot(*(table.position_m - origin).T) < NEAREST_M
     origin[near, 0] += 2 * NEAREST_M

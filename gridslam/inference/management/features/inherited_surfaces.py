@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from gridslam.arrays import Array
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate
 from gridslam.inference.management.features.mirror_cells import Mirrors
-from gridslam.inference.management.features.surface_features import Images, between, same_line
+from gridslam.inference.management.features.surface_features import Images, between, facing, same_line
 from gridslam.inference.state.features.sightings import Sightings
+from gridslam.maps.feature_rows import entries, places_and_lengths, row_of, together
 from gridslam.world.radio import BINS, REFLECTION_BINS
 
 
@@ -43,9 +44,7 @@ class KnownSurfaces:
         table = SurfaceEstimate.empty() if table is None else table
         count = len(table)
         if covariance is None:
-            covariance = np.zeros((2 * count, 2 * count))
-            for n in range(count):
-                covariance[2 * n : 2 * n + 2, 2 * n : 2 * n + 2] = table.line_cov[n]
+            covariance = together(table.line_cov)
         rows = np.full((count, BINS), 1 / BINS) if reflection is None else reflection
         return cls(table, np.asarray(rows, np.float64), covariance)
 
@@ -114,8 +113,9 @@ def surfaces_after(
     for m, s in enumerate(owner):
         if s < 0 or followed[s]:
             continue
-        line, slope = _facing(places[m], slopes[m], lines.mean[2 * s : 2 * s + 2])
         at = slice(2 * s, 2 * s + 2)
+        line, sign = facing(places[m], lines.mean[at])
+        slope = slopes[m] * np.array([[1.0], [sign]])
         gain = np.zeros((2 * count, 2))
         gain[at] = np.eye(2)
         if mirrors.surfaces.identity[m] >= len(imaged):  # learned by this agent: another estimate
@@ -143,24 +143,15 @@ def _surfaces_of(start: Images, count: int) -> NDArray[np.bool_]:
 
 def _follow(lines: _Lines, start: Images, table: FeatureEstimate, rows: NDArray[np.intp]) -> None:
     """Surfaces after what became of these features, their images: by regression."""
-    then, now = _entries(table.identity[rows]), _entries(rows)
+    then, now = entries(table.identity[rows]), entries(rows)
+    after, before = places_and_lengths(table).ravel(), places_and_lengths(start.table).ravel()
     slopes = start.slopes[then]
     cross = slopes @ lines.rest
     gain = np.linalg.solve(start.covariance[np.ix_(then, then)], cross).T
-    lines.mean = lines.mean + gain @ (_numbers(table)[now] - _numbers(start.table)[then])
+    lines.mean = lines.mean + gain @ (after[now] - before[then])
     rest = lines.rest - gain @ cross
     lines.rest = 0.5 * (rest + rest.T)
     lines.slope[:, now] = gain
-
-
-def _entries(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Where x, y, b of these features stand, (3 n,)."""
-    return np.asarray((3 * rows[:, None] + np.arange(3)).ravel())
-
-
-def _numbers(table: FeatureEstimate) -> Array:
-    """x, y, b of all features, (3 F,)."""
-    return np.column_stack([table.position_m, table.bias_m]).ravel()
 
 
 def _owners(mirrors: SurfaceEstimate, lines: Array, imaged: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -179,16 +170,9 @@ def _by_features(mirrors: SurfaceEstimate, table: FeatureEstimate, size: int) ->
     """Slopes (M, 2, 3 F) of mirrors' lines by all features, and the lines (M, 2)."""
     slopes, places = np.zeros((len(mirrors), 2, size)), np.zeros((len(mirrors), 2))
     for m, number in enumerate(mirrors.identity):
-        row = int(np.flatnonzero(table.identity == number)[0])
+        row = row_of(table, number)
         places[m], slopes[m, :, 3 * row : 3 * row + 2] = between(table.anchor_m[row], table.position_m[row])
     return slopes, places
-
-
-def _facing(line: Array, slope: Array, other: Array) -> tuple[Array, Array]:
-    """A line [a, o] and its slopes with the normal on the side where another's is."""
-    if np.cos(line[0] - other[0]) >= 0:
-        return line.copy(), slope
-    return np.array([line[0] + np.pi, -line[1]]), slope * np.array([[1.0], [-1.0]])
 
 
 def _borne_out(

@@ -9,22 +9,33 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import FREE, SCATTERER, FeatureEstimate
-from gridslam.inference.management.features.feature_tables import POWER_STD
+from gridslam.inference.management.features.feature_tables import with_power
 from gridslam.inference.management.features.places import Places, places_of
-from gridslam.inference.management.features.surface_features import ALIKE, ALIKE_M, LEAST_STEPS
+from gridslam.inference.management.features.surface_features import LEAST_STEPS
 from gridslam.inference.scans.unexplained import Unexplained
+from gridslam.maps.feature_rows import (
+    ALIKE,
+    ALIKE_M,
+    TIED_M,
+    chosen,
+    numbered_after,
+    of_anchor,
+    own_covariance,
+    stand_for,
+    tied,
+    together,
+)
 from gridslam.world.geometry import mirror, wrap
 
 LEAST_WAY_M = 1.0
 """Way along which a place was heard before it counts as one."""
 MOST_MISFIT = 4.0
 """Squared error per step, of two numbers, beyond which paths don't come from one place."""
-TIED_M, AMBIGUOUS = 0.1, 0.3
-"""Deviation of a scatterer's extra length; of any other's, in its length: nothing tells it from an image."""
+AMBIGUOUS = 0.3
+"""Deviation of a place's length, in that, unless it's a scatterer's: nothing tells it from an image."""
 NEAR_M, NEAR_RAD = 0.5, 0.3
 """Within which two places say the same of a path."""
 
@@ -54,26 +65,21 @@ def left_features(
     """
     tables, squares = [], []
     if earlier is not None and len(earlier):
-        if covariance is None:
-            covariance = block_diag(*earlier.covariance[:, :3, :3])
-        keep = ~are_images(earlier, lines)
-        rows = np.repeat(keep, 3)
-        tables.append(earlier.take(keep))
-        squares.append(covariance[np.ix_(rows, rows)])
+        joint = own_covariance(earlier) if covariance is None else covariance
+        others, square = chosen(earlier, joint, np.flatnonzero(~are_images(earlier, lines)))
+        tables.append(others)
+        squares.append(square)
     if known is not None and len(known):
         fresh = unexplained_features(places_of(known, anchors, LEAST_STEPS), anchors, elements)
         fresh = fresh.take(~are_images(fresh, lines))
         if tables:
-            fresh = fresh.take(
-                np.array([not _stands_for(tables[0], fresh, n) for n in range(len(fresh))], bool)
-            )
-            fresh = replace(fresh, identity=tables[0].identity.max(initial=-1) + 1 + np.arange(len(fresh)))
+            fresh = numbered_after(_unlike(fresh, tables[0]), tables[0])
         tables.append(fresh)
-        squares.append(block_diag(np.zeros((0, 0)), *fresh.covariance[:, :3, :3]))
+        squares.append(own_covariance(fresh))
     table = FeatureEstimate.stack(tables)
     if not len(table):
         return (None, None) if earlier is None else (earlier.take(slice(0)), None)
-    return table, block_diag(*squares)
+    return table, together(squares)
 
 
 def are_images(table: FeatureEstimate, lines: Array) -> NDArray[np.bool_]:
@@ -135,10 +141,9 @@ def _feature(known: Places, n: int, anchor_m: Array, elements: int) -> FeatureEs
     square[:2, :2] = known.covariance[n] * max(1.0, 0.5 * known.misfit[n] / known.steps[n]) + known.pose[n]
     extra, kind = 0.0, FREE
     if known.tied[n]:
-        way = known.place_m[n] - anchor_m
-        extra, kind = float(np.hypot(*way)), SCATTERER
+        (extra, by_place), kind = tied(known.place_m[n], anchor_m), SCATTERER
         slope = np.zeros((3, 3))
-        slope[:2, :2], slope[2, :2] = np.eye(2), way / max(extra, 1e-6)
+        slope[:, :2] = by_place
         square = slope @ square @ slope.T
         square[2, 2] += TIED_M**2
     else:  # the longer it is beside its way, the nearer it is
@@ -146,19 +151,16 @@ def _feature(known: Places, n: int, anchor_m: Array, elements: int) -> FeatureEs
         moved = np.append(-way, np.hypot(*way)) * AMBIGUOUS
         square += np.outer(moved, moved)
     power = known.power[n] / elements
-    covariance = np.zeros((1, 4, 4))
-    covariance[0, :3, :3], covariance[0, 3, 3] = square, (POWER_STD * power) ** 2
     return FeatureEstimate(
         np.zeros(1, np.int64), known.anchor[[n]], anchor_m[None], known.place_m[[n]], np.array([extra]),
-        np.array([power]), np.ones(1), covariance, np.array([kind]), known.steps[[n]], known.last_step[[n]],
+        np.array([power]), np.ones(1), with_power(square, power)[None], np.array([kind]), known.steps[[n]],
+        known.last_step[[n]],
     )  # fmt: skip
 
 
-def _stands_for(table: FeatureEstimate, other: FeatureEstimate, row: int) -> bool:
-    """Whether some feature of a table can be a row of another."""
-    same = np.flatnonzero(np.hypot(*(table.anchor_m - other.anchor_m[row]).T) < 0.01)
-    gap = np.column_stack([table.position_m[same], table.bias_m[same]])
-    gap -= np.append(other.position_m[row], other.bias_m[row])
-    square = table.covariance[same, :3, :3] + other.covariance[row, :3, :3] + ALIKE_M**2 * np.eye(3)
-    off = np.einsum("ni,ni->n", gap, np.linalg.solve(square, gap[..., None])[..., 0])
-    return bool((off < ALIKE**2).any())
+def _unlike(fresh: FeatureEstimate, known: FeatureEstimate) -> FeatureEstimate:
+    """Those features that none of the known ones of the same anchor can be."""
+    return fresh.take([
+        n for n in range(len(fresh))
+        if not stand_for(known, np.flatnonzero(of_anchor(known, fresh.anchor_m[n])), fresh, n)
+    ])  # fmt: skip

@@ -18,6 +18,7 @@ from gridslam.inference.management.features.feature_tables import POWER_STD
 from gridslam.inference.management.features.surface_features import mirror_surfaces
 from gridslam.inference.state.features.hybrid_state import JointBelief
 from gridslam.inference.state.grid import Grid
+from gridslam.maps.feature_rows import row_of
 from gridslam.world.filter_model import FilterModel
 from gridslam.world.geometry import crossing, mirror, unit
 from gridslam.world.radio import BINS, REFLECTION_BINS
@@ -72,7 +73,7 @@ def mirrors_of(table: FeatureEstimate, joint: JointBelief, model: FilterModel) -
             traced.open(anchor, place)
     extent = np.full((len(found), 2), np.nan)
     for row, identity in enumerate(found.identity):
-        anchor = table.anchor_m[table.identity == identity][0]
+        anchor = table.anchor_m[row_of(table, identity)]
         at, places = reflections(found.line[row], anchor, joint.sightings.of(int(identity)))
         along = at @ unit(found.line[row, 0] + 0.5 * np.pi)
         if len(at):
@@ -89,8 +90,7 @@ def mirrors_of(table: FeatureEstimate, joint: JointBelief, model: FilterModel) -
 
 def coefficient_of(table: FeatureEstimate, joint: JointBelief, identity: int) -> Array:
     """Log-likelihood (BINS,) of the coefficient of a mirror, by its power in that of the line of sight."""
-    row = int(np.flatnonzero(table.identity == identity)[0])
-    anchor = joint.features.anchor[joint.features.identity == identity][0]
+    row, anchor = row_of(table, identity), joint.features.anchor[row_of(joint.features, identity)]
     if not len(joint.sightings.of(-1 - int(anchor))):  # how loud the line of sight is isn't known
         return np.zeros(BINS)
     ratio = 0.5 * np.log(table.variance[row] / joint.los_power[anchor])

@@ -10,31 +10,33 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import SCATTERER, FeatureEstimate, SurfaceEstimate
 from gridslam.inference.management.features.surface_features import (
-    ALIKE,
-    ALIKE_M,
     LEAST_STEPS,
     Images,
     image_features,
     mirror_surfaces,
     same_line,
 )
+from gridslam.maps.feature_rows import (
+    TIED_M,
+    chosen,
+    entries,
+    numbered_after,
+    own_covariance,
+    owners,
+    stand_for,
+    tied,
+)
 from gridslam.world.signal_model import SignalModel
 
-SAME_PLACE_M = 0.01
-"""Anchors are surveyed better than this."""
-TIED_M = 0.1
-"""Deviation of a scatterer's extra length, to another anchor, from what its place says."""
 ONE_PLACE_M = 1e-3
 """By how much places of one scatterer may differ."""
 NEAREST_M = 1.0
 """Scatterers are as loud as if they were no nearer to anchor or agent."""
-Indices = NDArray[np.int64]
 
 
 def handed_over(
@@ -54,24 +56,15 @@ def handed_over(
     """
     table = FeatureEstimate.empty() if features is None else features
     surfaces = SurfaceEstimate.empty() if surfaces is None else surfaces
-    if joint is None:
-        joint = block_diag(np.zeros((0, 0)), *table.covariance[:, :3, :3])
-    whose = owners(table, model)
-    own, spread = _rows(table, joint, np.flatnonzero(whose >= 0))
+    joint = own_covariance(table) if joint is None else joint
+    whose = owners(table, model.anchors[:, :2])
+    own, spread = chosen(table, joint, np.flatnonzero(whose >= 0))
     own = replace(own, anchor=whose[whose >= 0])
     found, spread = with_scatterers(table, joint, own, spread, model)
     every = Images(found, spread, np.zeros((3 * len(found), 2 * len(surfaces))))
     for images in _images(surfaces, lines, table, own, model):
         every = _joined(every, _missing(images, every.table))
     return every._replace(table=replace(every.table, identity=np.arange(len(every.table))))
-
-
-def owners(table: FeatureEstimate, model: SignalModel) -> Indices:
-    """Which of the model's anchors each feature is of, (F,); -1: none."""
-    anchors = model.anchors[:, :2]
-    gap = np.linalg.norm(table.anchor_m[:, None] - anchors, axis=-1).reshape(len(table), len(anchors))
-    near: Indices = np.where(gap.min(1, initial=np.inf) < SAME_PLACE_M, gap.argmin(1), -1)
-    return near
 
 
 def with_others(
@@ -87,11 +80,9 @@ def with_others(
     """
     if earlier is None:
         return table, joint
-    if known is None:
-        known = block_diag(np.zeros((0, 0)), *earlier.covariance[:, :3, :3])
-    others, square = _rows(earlier, known, np.flatnonzero(owners(earlier, model) < 0))
-    others = replace(others, identity=table.identity.max(initial=-1) + 1 + np.arange(len(others)))
-    return FeatureEstimate.stack([table, others]), block_diag(joint, square)
+    left = np.flatnonzero(owners(earlier, model.anchors[:, :2]) < 0)
+    others, square = chosen(earlier, own_covariance(earlier) if known is None else known, left)
+    return FeatureEstimate.stack([table, numbered_after(others, table)]), block_diag(joint, square)
 
 
 def with_scatterers(
@@ -107,24 +98,23 @@ def with_scatterers(
         Of this model's: the rows of the table that are its anchors', in order.
     """
     scatterers = np.flatnonzero((table.kind == SCATTERER) & (table.steps_seen >= LEAST_STEPS))
-    whose, mine = owners(table, model), np.flatnonzero(owners(table, model) >= 0)
+    whose = owners(table, model.anchors[:, :2])
     features, own_spread = [own], np.square([ONE_PLACE_M, ONE_PLACE_M, TIED_M])
-    rows = [np.eye(len(joint))[_entries(mine)]]
+    rows = [np.eye(len(joint))[entries(np.flatnonzero(whose >= 0))]]
     for j, anchor in enumerate(model.anchors[:, :2]):
         for n in scatterers[whose[scatterers] != j]:
-            way = table.position_m[n] - anchor
-            far = max(float(np.hypot(*way)), 1e-6)
+            far, by_place = tied(table.position_m[n], anchor)
             one = replace(
                 table.take([n]), anchor=np.array([j]), anchor_m=anchor[None], bias_m=np.array([far]),
                 variance=table.variance[[n]] * _louder(table, int(n), anchor, model),
             )  # fmt: skip
             slope = np.zeros((3, len(joint)))
-            slope[:2, 3 * n : 3 * n + 2], slope[2, 3 * n : 3 * n + 2] = np.eye(2), way / far
+            slope[:, 3 * n : 3 * n + 2] = by_place
             square = slope @ joint @ slope.T + np.diag(own_spread)
             covariance = table.covariance[[n]].copy()
             covariance[0, :3, :3], covariance[0, :3, 3], covariance[0, 3, :3] = square, 0.0, 0.0
             one = replace(one, covariance=covariance)
-            if not any(_stands_for(other, one) for other in features):
+            if not any(_known(other, one) for other in features):
                 features.append(one)
                 rows.append(slope)
     jacobian = np.concatenate(rows)
@@ -161,44 +151,27 @@ def _images(
     slopes[:, keep] = found.slopes
     images, spread, _ = image_features(mirrors, None, model)
     rows = np.flatnonzero(~np.isin(images.anchor, own.anchor))
-    bare = Images(*_rows(images, spread, rows), np.zeros((3 * len(rows), len(keep))))
+    bare = Images(*chosen(images, spread, rows), np.zeros((3 * len(rows), len(keep))))
     return [found._replace(slopes=slopes), bare]
-
-
-def _rows(table: FeatureEstimate, joint: Array, rows: Indices) -> tuple[FeatureEstimate, Array]:
-    """Some features and the covariance of theirs."""
-    each = _entries(rows)
-    return table.take(rows), joint[np.ix_(each, each)]
-
-
-def _entries(rows: Indices) -> Indices:
-    """Where x, y, b of these features stand, (3 n,)."""
-    each: Indices = (3 * rows[:, None] + np.arange(3)).ravel()
-    return each
 
 
 def _missing(images: Images, found: FeatureEstimate) -> Images:
     """Images that no feature stands for, in units of the samples that features were learned from."""
     rows = np.array(
-        [n for n in range(len(images.table)) if not _stands_for(found, images.table.take([n]))], np.int64
+        [n for n in range(len(images.table)) if not _known(found, images.table.take([n]))], np.int64
     )
-    some, square = _rows(images.table, images.covariance, rows)
+    some, square = chosen(images.table, images.covariance, rows)
     level = {int(j): found.noise[found.anchor == j][0] for j in np.unique(found.anchor)}
     noise = np.array([level.get(int(j), 1.0) for j in some.anchor])
     covariance = some.covariance.copy()
     covariance[:, 3, 3] *= noise**2
     some = replace(some, variance=some.variance * noise, noise=noise, covariance=covariance)
-    return Images(some, square, images.slopes[_entries(rows)])
+    return Images(some, square, images.slopes[entries(rows)])
 
 
-def _stands_for(table: FeatureEstimate, one: FeatureEstimate) -> bool:
-    """Whether some feature of the same anchor can be this one (a table of one row)."""
-    same = np.flatnonzero(table.anchor == one.anchor[0])
-    gap = np.column_stack([table.position_m[same], table.bias_m[same]])
-    gap -= np.append(one.position_m[0], one.bias_m[0])
-    square = table.covariance[same, :3, :3] + one.covariance[0, :3, :3] + ALIKE_M**2 * np.eye(3)
-    far = np.einsum("ni,ni->n", gap, np.linalg.solve(square, gap[..., None])[..., 0])
-    return bool((far < ALIKE**2).any())
+def _known(table: FeatureEstimate, one: FeatureEstimate) -> bool:
+    """Whether some feature of the same of the model's anchors can be this one (a table of one row)."""
+    return stand_for(table, np.flatnonzero(table.anchor == one.anchor[0]), one)
 
 
 def _joined(one: Images, other: Images) -> Images:

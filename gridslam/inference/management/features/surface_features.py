@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from gridslam.arrays import Array
 from gridslam.estimate_tables import MIRROR, FeatureEstimate, SurfaceEstimate
-from gridslam.inference.management.features.feature_tables import POWER_STD
+from gridslam.inference.management.features.feature_tables import with_power
+from gridslam.maps.feature_rows import ALIKE, ALIKE_M, OF_LINE, entries, together
 from gridslam.world.geometry import mirror, mirror_derivative, sfv_covariance, unit
 from gridslam.world.signal_model import SignalModel
 
@@ -25,8 +25,6 @@ MOST = 30
 MOST_SURE = 0.99
 LEAST_STEPS = 10
 """At which a feature was heard before it counts as a surface."""
-ALIKE, ALIKE_M = 3.0, 0.3
-"""Deviations, and metres on top, within which two images or surfaces count as one."""
 SAME_M = 0.3
 """Within which an image of an image is that of the other order."""
 TURNED, APART_M = np.radians(5.0), 0.5
@@ -54,11 +52,8 @@ def image_features(table: SurfaceEstimate | None, known: Array | None, model: Si
     table = SurfaceEstimate.empty() if table is None else table
     keep = np.flatnonzero(table.existence > LEAST_EXISTENCE)
     line, count, anchors = table.line[keep], len(keep), model.anchors[:, :2]
-    rows = (2 * keep[:, None] + np.arange(2)).ravel()
-    if known is not None:
-        spread = known[np.ix_(rows, rows)]
-    else:
-        spread = block_diag(np.zeros((0, 0)), *table.line_cov[keep])
+    rows = entries(keep, OF_LINE)
+    spread = together(table.line_cov[keep]) if known is None else known[np.ix_(rows, rows)]
     chains: list[tuple[int, ...]] = [(n,) for n in range(count)]
     if count**2 <= MOST:
         chains += [(n, m) for n in range(count) for m in range(count) if n != m]
@@ -87,8 +82,7 @@ def image_features(table: SurfaceEstimate | None, known: Array | None, model: Si
     joint[np.arange(3 * total), np.arange(3 * total)] += np.tile([1e-6, 1e-6, 0.0], total)
     covariance = np.zeros((total, 4, 4))
     for n in range(total):
-        covariance[n, :3, :3] = joint[3 * n : 3 * n + 3, 3 * n : 3 * n + 3]
-        covariance[n, 3, 3] = (POWER_STD * power[n]) ** 2
+        covariance[n] = with_power(joint[3 * n : 3 * n + 3, 3 * n : 3 * n + 3], power[n])
     number, zeros = np.arange(total), np.zeros(total)
     slopes = np.zeros((3 * total, 2 * len(table)))
     slopes[:, rows] = jacobian
@@ -169,8 +163,13 @@ def _of_two(table: FeatureEstimate, row: int, lines: list[Array]) -> bool:
 
 def same_line(one: Array, other: Array) -> bool:
     """Whether two lines can be one surface."""
+    one, _ = facing(one, other)
     turned = np.angle(np.exp(1j * (one[0] - other[0])))
-    if abs(turned) > np.pi / 2:  # normals that point against each other
-        one = np.array([one[0] + np.pi, -one[1]])
-        turned = np.angle(np.exp(1j * (one[0] - other[0])))
     return bool(abs(turned) < TURNED and abs(one[1] - other[1]) < APART_M)
+
+
+def facing(line: Array, other: Array) -> tuple[Array, float]:
+    """A line [a, o] with its normal on the side where another's is; 1, or -1 if the offset changed sign."""
+    if np.cos(line[0] - other[0]) >= 0:
+        return line.copy(), 1.0
+    return np.array([line[0] + np.pi, -line[1]]), -1.0
