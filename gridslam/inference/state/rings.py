@@ -189,13 +189,18 @@ def follow(rings: Rings, before: Belief, after: Belief) -> Rings:
 
 def prune(rings: Rings, survival: float) -> Rings:
     """Drop unlikely rings, and the least likely beyond `MOST_RINGS` per anchor."""
-    existence = survival * rings.existence
-    order = np.argsort(-existence, kind="stable")
+    rings = replace(rings, existence=survival * rings.existence)
+    return rings.take((rings.existence > LEAST_EXISTENCE) & (ranks(rings) < MOST_RINGS))
+
+
+def ranks(rings: Rings) -> NDArray[np.intp]:
+    """How many rings of the same anchor are likelier than each, (R,)."""
+    order = np.argsort(-rings.existence, kind="stable")
     place = np.zeros(len(rings), np.intp)
     for anchor in np.unique(rings.anchor):
         own = order[rings.anchor[order] == anchor]
         place[own] = np.arange(len(own))
-    return replace(rings, existence=existence).take((existence > LEAST_EXISTENCE) & (place < MOST_RINGS))
+    return place
 
 
 def shrunk(rings: Rings, anchors: Array, radio: RadioModel) -> NDArray[np.intp]:
@@ -225,6 +230,28 @@ def join(rings: Rings, row: int, belief: Belief, place: Array) -> Belief:
         The ring's anchor; the line between it and the image is appended.
     """
     mean, covariance = (part[0] for part in rings.take(np.array([row])).matched)
+    belief, by_agent, spread = agent_taken_in(belief, mean, covariance)
+    line = line_between(place, mean[MOVING:])
+    by_image = np.linalg.inv(mirror_derivative(line, place))
+    by_state = np.zeros((2, len(belief.mean)))
+    by_state[:, :MOVING] = by_image @ by_agent
+    value, vector = np.linalg.eigh(spread)
+    return give_birth(belief, line, by_state, by_image @ vector, np.maximum(value, 0.0))
+
+
+def agent_taken_in(belief: Belief, mean: Array, covariance: Array) -> tuple[Belief, Array, Array]:
+    """What a ring as one Gaussian knows of the agent, taken in by the joint belief.
+
+    Parameters
+    ----------
+    mean, covariance : (6,), (6, 6)
+        Agent and image, that in any two coordinates.
+
+    Returns
+    -------
+    (belief, by_agent, spread)
+        by_agent (2, 4): slopes of the image by the agent; spread (2, 2): its covariance, given the agent.
+    """
     agent, image = slice(0, MOVING), slice(MOVING, None)
     # the rest of the state follows the agent, to which alone the ring refers
     lean = np.linalg.solve(belief.covariance[agent, agent], belief.covariance[agent]).T
@@ -233,13 +260,8 @@ def join(rings: Rings, row: int, belief: Belief, place: Array) -> Belief:
         belief.mean + lean @ (mean[agent] - belief.mean[agent]),
         symmetric(belief.covariance + lean @ changed @ lean.T),
     )
-    line = line_between(place, mean[image])
-    by_image = np.linalg.inv(mirror_derivative(line, place))
     by_agent = np.linalg.solve(covariance[agent, agent], covariance[agent, image]).T
-    by_state = np.zeros((2, len(belief.mean)))
-    by_state[:, agent] = by_image @ by_agent
-    value, vector = np.linalg.eigh(covariance[image, image] - by_agent @ covariance[agent, image])
-    return give_birth(belief, line, by_state, by_image @ vector, np.maximum(value, 0.0))
+    return belief, by_agent, covariance[image, image] - by_agent @ covariance[agent, image]
 
 
 def weighed(weight: Array, log: Array) -> Array:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gridslam import runtime
 from gridslam.arrays import Array, put, replace
-from gridslam.inference.beliefs.belief import Belief, give_birth
+from gridslam.inference.beliefs.belief import give_birth
 from gridslam.inference.messages.samples.distance_mode import BEHIND_M
 from gridslam.inference.messages.samples.image_births import (
     LEAST_EXISTENCE,
@@ -19,7 +19,16 @@ from gridslam.inference.messages.samples.image_births import (
 )
 from gridslam.inference.messages.samples.image_prediction import P_STAY, AnchorPaths
 from gridslam.inference.messages.samples.signal_likelihood import pairs
-from gridslam.inference.state.rings import MOVING, Rings, follow, outer, symmetric
+from gridslam.inference.state.rings import (
+    MOVING,
+    SURE,
+    Rings,
+    agent_taken_in,
+    follow,
+    outer,
+    ranks,
+    symmetric,
+)
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.filter_model import FilterModel
 
@@ -27,8 +36,8 @@ NODES = np.linspace(-4.0, 4.0, 41)
 """Where a hypothesis integrates the likelihood, in its deviations."""
 NODE_WEIGHTS = np.exp(-0.5 * NODES**2) / np.exp(-0.5 * NODES**2).sum()
 NORMAL = 1 / np.sqrt(2 * np.pi)
-JOIN_BEARING_RAD, JOIN_RANGE_M, SURE = 0.15, 0.3, 0.95
-"""Deviations below which a ring is a straight arc, and the existence that it must have to join."""
+JOIN_BEARING_RAD, JOIN_RANGE_M = 0.15, 0.3
+"""Deviations below which a ring is a straight arc, and joins if it is `SURE`."""
 LEAST_WEIGHT = 1e-7
 """A hypothesis less likely than this within its ring is given up."""
 
@@ -104,12 +113,7 @@ def prune(state: DirectState) -> DirectState:
     """Drop unlikely images and rings, and the least likely rings of an anchor beyond those that are kept."""
     state = state.keep(state.images.existence > LEAST_EXISTENCE)
     rings = state.tentative.rings
-    order = np.argsort(-rings.existence, kind="stable")
-    place = np.zeros(len(rings), np.intp)
-    for anchor in np.unique(rings.anchor):
-        own = order[rings.anchor[order] == anchor]
-        place[own] = np.arange(len(own))
-    stays = (rings.existence > LEAST_EXISTENCE) & (place < MOST_TENTATIVE)
+    stays = (rings.existence > LEAST_EXISTENCE) & (ranks(rings) < MOST_TENTATIVE)
     return state if stays.all() else replace(state, tentative=state.tentative.take(stays))
 
 
@@ -165,20 +169,11 @@ def _narrow(rings: Rings, origin: Array) -> NDArray[np.intp]:
 def _joined(state: DirectState, row: int, origin: Array, polar: _Polar) -> DirectState:
     """Give the joint belief what one ring knows: agent, image, and how they hang together."""
     before, tentative = state.belief, state.tentative
-    agent, image = slice(0, MOVING), slice(MOVING, None)
-    own = before.covariance[agent, agent]
-    lean = np.linalg.solve(own, before.covariance[agent]).T  # the rest follows the agent
-    belief = Belief(
-        before.mean + lean @ (polar.mean[agent] - before.mean[agent]),
-        symmetric(before.covariance + lean @ (polar.covariance[agent, agent] - own) @ lean.T),
-    )
-    by_agent = np.linalg.solve(polar.covariance[agent, agent], polar.covariance[agent, image]).T
+    belief, by_agent, spread = agent_taken_in(before, polar.mean, polar.covariance)
     by_state = np.zeros((2, len(belief.mean)))
-    by_state[:, agent] = by_agent
-    value, vector = np.linalg.eigh(
-        symmetric(polar.covariance[image, image] - by_agent @ polar.covariance[agent, image])
-    )
-    belief = give_birth(belief, polar.mean[image], by_state, vector, np.maximum(value, 1e-12))
+    by_state[:, :MOVING] = by_agent
+    value, vector = np.linalg.eigh(symmetric(spread))
+    belief = give_birth(belief, polar.mean[MOVING:], by_state, vector, np.maximum(value, 1e-12))
     rings = tentative.rings
     fresh = Images(
         np.array([state.next_identity]), rings.anchor[[row]].astype(np.int64), origin[None],

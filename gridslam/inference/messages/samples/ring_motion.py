@@ -12,8 +12,7 @@ import numpy as np
 from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief, diagonal_together
 from gridslam.inference.messages.samples.image_prediction import AnchorPaths
-from gridslam.inference.messages.samples.image_rings import SURE
-from gridslam.inference.state.rings import MOVING, Rings, follow, outer, symmetric
+from gridslam.inference.state.rings import MOVING, SURE, Rings, follow, outer, symmetric
 from gridslam.inference.state.samples.images import DirectState
 
 IN_SIGHT, LOUD = 0.99, 10.0
