@@ -198,11 +198,27 @@ class HealthMonitor:
         (health, monitor)
             With the usual share learned, unless the scan was empty.
         """
-        share, stated = (self.explained + 1) / (self.loud + 1), model.radio.false_alarms
+        share = (self.explained + 1) / (self.loud + 1)
         ratio = self.misfit / self.freedom if self.freedom > 0 else 1.0
-        low, high = innovation_band(self.freedom)
-        _, called = innovation_band(self.freedom, CALLED)
-        clutters = [calibration.estimate(j, stated) for j in range(len(calibration.clutter))]
+        clutters = [
+            calibration.estimate(j, model.radio.false_alarms) for j in range(len(calibration.clutter))
+        ]
+        found = [
+            *self._of_place(spread_m), *self._of_fit(share, ratio),
+            *self._of_anchors(calibration, clutters, turned, model), *self._of_limits(effective, model),
+        ]  # fmt: skip
+        health = Health(
+            not found, "; ".join(found), effective, ratio, innovation_band(self.freedom), share,
+            np.array(clutters), calibration.gain, calibration.turned.copy(), self.silent,
+        )  # fmt: skip
+        if self.silent:
+            return health, self
+        return health, replace(
+            self, usual=self.usual + (SLOW if self.usual > 0 else 1.0) * (share - self.usual)
+        )
+
+    def _of_place(self, spread_m: float) -> list[str]:
+        """What is amiss with where the agent is."""
         found = []
         if self.silent >= SILENT:
             found.append(reasons.silent(self.silent))
@@ -217,10 +233,23 @@ class HealthMonitor:
             found.append(reasons.found_again(self.since))
         if self.distrusted:
             found.append(reasons.leapt(self.leap_m, self.since_leap))
+        return found
+
+    def _of_fit(self, share: float, ratio: float) -> list[str]:
+        """What is amiss with how measurements fit: the share that is explained, their mean misfit."""
+        found = []
+        _, called = innovation_band(self.freedom, CALLED)
         if self.usual > 0 and share < LOST * self.usual:
             found.append(reasons.few_explained(share, self.usual))
         if ratio > max(called, MISFIT):
             found.append(reasons.misfit(ratio))
+        return found
+
+    def _of_anchors(
+        self, calibration: Calibration, clutters: list[float], turned: Array, model: FilterModel
+    ) -> list[str]:
+        """What is amiss with anchors: clutter of each (J), and turns (J,), rad, that nobody expects."""
+        found, stated = [], model.radio.false_alarms
         # at first, walls that are still to be born pass for clutter
         known = (calibration.listened >= LISTENED).tolist()
         levels = [level for level, has_level in zip(clutters, known, strict=True) if has_level]
@@ -230,6 +259,11 @@ class HealthMonitor:
         unlikely = np.where(np.abs(turned) > MOUNTED * model.orientation_std, turned, 0.0)
         if unlikely.any() and not self.distrusted:
             found.append(most_turned(unlikely, model))
+        return found
+
+    def _of_limits(self, effective: float, model: FilterModel) -> list[str]:
+        """What is amiss with the filter's own means: particles, places compared, surfaces held."""
+        found = []
         # a Gaussian asks them for likelihoods alone
         if effective < FEW and model.settings.representation == "particles":
             found.append(reasons.few_particles(effective))
@@ -237,15 +271,7 @@ class HealthMonitor:
             found.append(reasons.crowded(self.crowd, MOST_LOUD, self.crowd <= SWAMPED))
         if self.dropped:
             found.append(reasons.left_out(self.dropped))
-        health = Health(
-            not found, "; ".join(found), effective, ratio, (low, high), share, np.array(clutters),
-            calibration.gain, calibration.turned.copy(), self.silent,
-        )  # fmt: skip
-        if self.silent:
-            return health, self
-        return health, replace(
-            self, usual=self.usual + (SLOW if self.usual > 0 else 1.0) * (share - self.usual)
-        )
+        return found
 
 
 def most_turned(turned: Array, model: FilterModel) -> str:

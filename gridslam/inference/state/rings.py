@@ -260,7 +260,7 @@ def agent_taken_in(belief: Belief, mean: Array, covariance: Array) -> tuple[Beli
         belief.mean + lean @ (mean[agent] - belief.mean[agent]),
         symmetric(belief.covariance + lean @ changed @ lean.T),
     )
-    by_agent = np.linalg.solve(covariance[agent, agent], covariance[agent, image]).T
+    by_agent = np.asarray(np.linalg.solve(covariance[agent, agent], covariance[agent, image]).T, float)
     return belief, by_agent, covariance[image, image] - by_agent @ covariance[agent, image]
 
 

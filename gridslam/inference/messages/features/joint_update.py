@@ -8,7 +8,8 @@ of which there are fewer than entries of the state.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,50 +74,108 @@ def update(
     size = len(belief.mean)
     scatter = belief.extent**2, (TURNS_RAD * belief.extent) ** 2
     heard = HeardPaths(belief, samples, audible, heading_rad, model, scatter)
-    prior = np.zeros((size + 1, size + 1))  # the last entry is an error of this step's heading
-    prior[:size, :size] = belief.covariance
-    prior[size, size] = model.waveform.heading_std_rad**2
-    state = np.zeros((2, size + 1))
+    state, prior = _with_heading(belief, start, model)
     at, base = state
-    at[:size] = base[:size] = belief.mean
-    if start is not None:
-        at[:size] = moved_to(belief, start)
-    existence, crowded = belief.existence.copy(), belief.extent > 0 and step >= FIRST_STEPS
+    crowded = belief.extent > 0 and step >= FIRST_STEPS
     for round_ in range(CROWD_ROUNDS if crowded else ROUNDS):
         heard.place(state, prior)
         known = heard.multiply()
         if not round_:
-            for j, products in zip(heard.anchors, known, strict=True):
-                gone = hidden is not None and hidden[j]
-                existence[j] = NOT_THERE if gone else existence_of(belief, j, products)
-            each = zip(heard.anchors, known, strict=True)
-            powers = [powers_of(belief, existence, j, products) for j, products in each]
-            power = np.concatenate(powers)
+            existence, powers = _levels(belief, heard.anchors, known, hidden)
+        newton = _Newton.of(heard, np.concatenate(powers))
+        following = base + newton.pull @ heard.towards
+        heard.shift[:] = heard.own * newton.pull
+        moved = np.abs(following - at)[:2].max()
+        at[:] = following
+        if moved < SETTLED_M:
+            break
+    covariance = (prior - newton.learned(heard))[:size, :size]
+    found = replace(
+        belief, mean=at[:size].copy(), covariance=0.5 * (covariance + covariance.T), existence=existence
+    )
+    heard.place(state, prior)
+    evidence = newton.log_evidence
+    for j, products, own in zip(heard.anchors, heard.multiply(), powers, strict=True):
+        found, surprise = _follow_powers(found, j, products.of(slice(0, len(own))), own, step)
+        evidence += surprise
+    return _sighted(found, belief, audible), evidence
+
+
+def _with_heading(belief: JointBelief, start: Array | None, model: SignalModel) -> tuple[Array, Array]:
+    """State (2, n + 1), where slopes are taken and the prior's, and covariance; last, the heading's error.
+
+    Arguments are those of `update`.
+    """
+    size = len(belief.mean)
+    prior = np.zeros((size + 1, size + 1))
+    prior[:size, :size] = belief.covariance
+    prior[size, size] = model.waveform.heading_std_rad**2
+    state = np.zeros((2, size + 1))
+    state[:, :size] = belief.mean
+    if start is not None:
+        state[0, :size] = moved_to(belief, start)
+    return state, prior
+
+
+def _levels(
+    belief: JointBelief, anchors: list[int], known: list[Products], hidden: NDArray[np.bool_] | None
+) -> tuple[Array, list[Array]]:
+    """Existence (J,) of lines of sight, and the powers that paths of each heard anchor have at this step.
+
+    Parameters
+    ----------
+    anchors, known : list of int, list of Products
+        Which were heard, and what of each, at the start.
+    hidden : (J,) bool, optional
+        Anchors whose line of sight is taken not to be there.
+    """
+    existence = belief.existence.copy()
+    for j, products in zip(anchors, known, strict=True):
+        gone = hidden is not None and hidden[j]
+        existence[j] = NOT_THERE if gone else existence_of(belief, j, products)
+    each = zip(anchors, known, strict=True)
+    return existence, [powers_of(belief, existence, j, products) for j, products in each]
+
+
+@dataclass(frozen=True, eq=False)
+class _Newton:
+    """A Gauss-Newton step on p numbers of paths.
+
+    Attributes
+    ----------
+    pull : (p,)
+        What moves the state from the prior's mean, by its covariances with the numbers.
+    log_evidence : float
+        Laplace's, about where the step began.
+    curvature : (p, p)
+        Of the samples.
+    factors : tuple
+        Of the system that it solved, by LU.
+    """
+
+    pull: Array
+    log_evidence: float
+    curvature: Array
+    factors: tuple[Array, NDArray[np.int32]]
+
+    @classmethod
+    def of(cls, heard: HeardPaths, power: Array) -> Self:
+        """From where paths are placed, with so much power (p / 2,) in each."""
         slopes = heard.slopes(power)
         system = slopes.curvature @ heard.spread
         system.ravel()[:: len(system) + 1] += 1
         root, order, wrong = lapack.dgetrf(system)
         assert not wrong
         pull, _ = lapack.dgetrs(root, order, slopes.score + slopes.curvature @ heard.off)
-        # Laplace: the value there, how far it is from the prior, and the volume that is left
+        # the value there, how far it is from the prior, and the volume that is left
         volume = np.log(np.abs(np.diagonal(root))).sum()
         evidence = slopes.log_density - 0.5 * float(heard.off @ slopes.score) - 0.5 * float(volume)
-        following = base + pull @ heard.towards
-        heard.shift[:] = heard.own * pull
-        moved = np.abs(following - at)[:2].max()
-        at[:] = following
-        if moved < SETTLED_M:
-            break
-    gain, _ = lapack.dgetrs(root, order, slopes.curvature @ heard.towards)
-    covariance = (prior - heard.towards.T @ gain)[:size, :size]
-    found = replace(
-        belief, mean=at[:size].copy(), covariance=0.5 * (covariance + covariance.T), existence=existence
-    )
-    heard.place(state, prior)
-    for j, products, own in zip(heard.anchors, heard.multiply(), powers, strict=True):
-        found, surprise = _follow_powers(found, j, products.of(slice(0, len(own))), own, step)
-        evidence += surprise
-    return _sighted(found, belief, audible), evidence
+        return cls(pull, evidence, slopes.curvature, (root, order))
+
+    def learned(self, heard: HeardPaths) -> Array:
+        """By how much the covariance of the state (n + 1, n + 1) shrinks, where the step began."""
+        gain, _ = lapack.dgetrs(*self.factors, self.curvature @ heard.towards)
+        return np.asarray(heard.towards.T @ gain)
 
 
 def moved_to(belief: JointBelief, start: Array) -> Array:

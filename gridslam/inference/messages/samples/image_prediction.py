@@ -126,29 +126,26 @@ def image_distances(
     circle of equal distance bends away from it, by 1 cm at 4 m for a deviation of 0.3 m, more than a strong
     path's own. A distance bends with the way across the path, and with the bearing of its image, whose place
     goes round in a circle.
+
+    Parameters
+    ----------
+    rows : (S,) int
+        Of the images.
+    position : (2,) m
+        Of the anchor.
     """
     mean, count = state.belief.mean, 1 + len(rows)
     away = np.empty((count, 2))
     away[0], away[1:] = mean[:2] - position, mean[:2] - state.places[rows]
     distance = np.maximum(np.sqrt((away * away).sum(-1)), 1e-6)
     toward = away / distance[:, None]
-    across = np.stack([-toward[:, 1], toward[:, 0]], -1)
-    # derivatives of distances, ways across and bearings, one below the other
-    by, image = np.zeros((3 * count - 1, len(mean))), np.arange(1, count)
-    by[:count, :2], by[count : 2 * count, :2] = toward, across
-    place, turn = state.place_slopes[rows], MOVING + 2 * rows
-    for part, direction in enumerate((toward, across)):
-        polar = (direction[1:, :, None] * place).sum(1)
-        by[part * count + image, turn], by[part * count + image, turn + 1] = -polar[:, 0], -polar[:, 1]
-    by[2 * count + image - 1, turn] = 1.0
-    bearing, span = mean[turn], mean[turn + 1]
-    bend = np.empty(2 * count - 1)
-    bend[:count] = 1 / distance
-    bend[count:] = span * (toward[1:] * unit(bearing)).sum(-1)
+    by = _derivatives(state, rows, toward)
     slope, turned = by[:count], by[count:]
+    bearing, span = mean[MOVING + 2 * rows], mean[MOVING + 2 * rows + 1]
+    bend = np.concatenate([1 / distance, span * (toward[1:] * unit(bearing)).sum(-1)])
     spread = turned @ state.belief.covariance @ turned.T
     farther, doubt = 0.5 * bend * spread.diagonal(), 0.5 * (bend[:, None] * bend) * spread**2
-    distance[:] += farther[:count]
+    distance += farther[:count]
     distance[1:] += farther[count:]
     covariance = symmetric(slope @ state.belief.covariance @ slope.T) + doubt[:count, :count]
     covariance[1:] += doubt[count:, :count]
@@ -156,6 +153,26 @@ def image_distances(
     covariance[1:, 1:] += doubt[count:, count:]
     covariance[range(count), range(count)] += LEAST_VARIANCE
     return distance, slope, covariance
+
+
+def _derivatives(state: DirectState, rows: NDArray[np.intp], toward: Array) -> Array:
+    """Derivatives (1 + S + 1 + S + S, N) by the state: of distances, ways across, and bearings of images.
+
+    Parameters
+    ----------
+    toward : (1 + S, 2)
+        Unit vectors from the anchor and its images to the agent.
+    """
+    count = len(toward)
+    across = np.stack([-toward[:, 1], toward[:, 0]], -1)
+    by, image = np.zeros((3 * count - 1, len(state.belief.mean))), np.arange(1, count)
+    by[:count, :2], by[count : 2 * count, :2] = toward, across
+    place, turn = state.place_slopes[rows], MOVING + 2 * rows
+    for part, direction in enumerate((toward, across)):
+        polar = (direction[1:, :, None] * place).sum(1)
+        by[part * count + image, turn], by[part * count + image, turn + 1] = -polar[:, 0], -polar[:, 1]
+    by[2 * count + image - 1, turn] = 1.0
+    return by
 
 
 def ring_distances(rings: Rings) -> tuple[Array, Array]:
