@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -13,6 +13,9 @@ from gridslam.cli.help import LOOK, SCENE_HELP, SCENES, scene_names
 from gridslam.cli.options import Commands, flag
 from gridslam.errors import InputError
 from gridslam.wording import counted
+
+if TYPE_CHECKING:
+    from gridslam.importers.floorplans import Line, Plan
 
 out = Console()
 scene_app = Commands(no_args_is_help=True, help="Make, show, draw and import scene files.")
@@ -124,7 +127,6 @@ def import_plan(
     overwrite: Annotated[bool, flag("--overwrite")] = False,
 ) -> None:
     """Make a scene file of a floor plan, and a picture of it beside it."""
-    from gridslam.importers import dxf, geojson
     from gridslam.importers.floorplans import plan_of
     from gridslam.importers.plan_files import write_plan
     from gridslam.world.names import label_fault
@@ -134,29 +136,11 @@ def import_plan(
     for taken in (output, output.with_suffix(".png")):
         if taken.exists() and not overwrite:
             raise InputError(str(taken), "something of this name", "a new name (or --overwrite)")
-    anchors = [_pose(text, "--anchor") for text in anchor or ()]
-    agent = _pose(start, "--start") if start is not None else None
-    _require_alike([*zip(anchor or (), anchors, strict=True)], "--anchor")
-    if start is not None and agent is not None:
-        _require_alike([*zip(anchor or (), anchors, strict=True), (start, agent)], "--start")
+    anchors, agent = _poses(anchor or [], start)
     place = _numbers(origin, "--origin", 2)
     names, values = _table(material, "--material"), _table(reflection, "--reflection")
     coefficients = {name: _share(name, text) for name, text in values.items()}
-    kind = file.suffix.lower()
-    if kind == ".dxf":
-        if geographic:
-            raise InputError("--geographic", f"with {file.name}", "GeoJSON, for which it is")
-        lines, note = dxf.read_walls(file, unit, layer or ())
-    elif kind in (".geojson", ".json"):
-        if layer:
-            raise InputError("--layer", f"{layer[0]!r} with {file.name}", "a DXF drawing, which has layers")
-        lines = geojson.read_walls(file, geographic, unit)
-        note = f"units: {unit}, as asked for" if unit else ""
-    else:
-        if kind in PICTURES:
-            traced = "its walls, traced over it in Inkscape (to DXF) or QGIS (to GeoJSON)"
-            raise InputError(str(file), "a map or picture of cells, which are no walls", f"{traced}: {KINDS}")
-        raise InputError(str(file), f"a name that ends in {kind!r}", KINDS)
+    lines, note = _walls(file, geographic, unit, layer or [])
     plan = plan_of(
         lines,
         file.name,
@@ -171,16 +155,51 @@ def import_plan(
         start_height_m=agent[1] if agent is not None else None,
     )
     picture = write_plan(plan, output)
-    notes = [f"--anchor {text}: {UNTURNED}" for text in anchor or () if text.count(",") == 1]
+    for line in ([note] if note else []) + _remarks(plan, anchor or [], start):
+        _say(line)
+    _say(f"wrote {output} and {picture}" + ("" if anchors else "; it has no anchor yet: place one in it"))
+
+
+def _poses(anchor: list[str], start: str | None) -> tuple[list[Posed], Posed | None]:
+    """Where anchors and the agent are told to be, all with heights or none."""
+    anchors = [_pose(text, "--anchor") for text in anchor]
+    agent = _pose(start, "--start") if start is not None else None
+    told = [*zip(anchor, anchors, strict=True)]
+    _require_alike(told, "--anchor")
+    if start is not None and agent is not None:
+        _require_alike([*told, (start, agent)], "--start")
+    return anchors, agent
+
+
+def _walls(file: Path, geographic: bool, unit: str | None, layer: list[str]) -> tuple[list[Line], str]:
+    """Walls of a plan, by what kind of file it is, and what is said of its units."""
+    from gridslam.importers import dxf, geojson
+
+    kind = file.suffix.lower()
+    if kind == ".dxf":
+        if geographic:
+            raise InputError("--geographic", f"with {file.name}", "GeoJSON, for which it is")
+        return dxf.read_walls(file, unit, layer)
+    if kind in (".geojson", ".json"):
+        if layer:
+            raise InputError("--layer", f"{layer[0]!r} with {file.name}", "a DXF drawing, which has layers")
+        return geojson.read_walls(file, geographic, unit), f"units: {unit}, as asked for" if unit else ""
+    if kind in PICTURES:
+        traced = "its walls, traced over it in Inkscape (to DXF) or QGIS (to GeoJSON)"
+        raise InputError(str(file), "a map or picture of cells, which are no walls", f"{traced}: {KINDS}")
+    raise InputError(str(file), f"a name that ends in {kind!r}", KINDS)
+
+
+def _remarks(plan: Plan, anchor: list[str], start: str | None) -> list[str]:
+    """What was taken for granted where nothing was told, and the walls by material."""
+    notes = [f"--anchor {text}: {UNTURNED}" for text in anchor if text.count(",") == 1]
     notes += [f"--start {start}: {UNTURNED}"] if start is not None and start.count(",") == 1 else []
     notes += [f"{far}; the region to map reaches there" for far in plan.outside]
-    for line in (note, *(f"note: {told}" for told in notes)):
-        if line:
-            _say(line)
+    lines = [f"note: {told}" for told in notes]
     for name, (value, why) in plan.materials.items():
         count = sum(item.material == name for item in plan.lines)
-        _say(f"{name}: {counted(count, 'wall')}, {value:g} ({why})")
-    _say(f"wrote {output} and {picture}" + ("" if anchors else "; it has no anchor yet: place one in it"))
+        lines.append(f"{name}: {counted(count, 'wall')}, {value:g} ({why})")
+    return lines
 
 
 def report(

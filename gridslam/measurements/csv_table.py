@@ -11,8 +11,9 @@ import warnings
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -110,74 +111,129 @@ def read_csv(
         The first fault, with its line.
     """
     names = {"anchor": Names(anchors, several), "agent": Names(agents, False)}
-    lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
-    marks = Marks()
     with _rows(Path(path)) as reader:
-        written, width = _header(reader)
-        comma = reader.dialect.delimiter == ";"
-        header = [IN_DEGREES.get(name, name) for name in written]
-        begins = reader.line_num
-        extra = _check_header(header, written, f"{path}: line {begins}", several)
-        if extra:
-            columns_are = f"column{'s' if len(extra) > 1 else ''} {', '.join(extra)}"
-            meant = [one for one in map(meant_by, extra) if one and one.column not in header]
-            meant += dict.fromkeys(one for name in extra for one in angles_meant(name, header))
-            ways = [f"{one.column}, {one.way}" for one in meant]
-            said = f" ({'; '.join(ways)})" if ways else ""
-            warnings.warn(Note(f"{path}: {columns_are} not used{said}"), stacklevel=2)
-        for row in reader:
-            where = f"{path}: line {reader.line_num}"
-            cells = _filled(row, len(header), width)
-            if len(cells) not in (0, len(header)):
-                raise InputError(where, f"{len(cells)} cells", f"{len(header)} cells, as in the header")
-            if cells:
-                lines.append(reader.line_num)
-                here = [
-                    (cell.strip(), name)
-                    for cell, name in zip(cells, header, strict=True)
-                    if name not in extra
-                ]
-                table.extend(number_of(cell, name, names.get(name), where, comma) for cell, name in here)
-                if comma:
-                    marks.look(here, where)
-    if not table:
-        raise InputError(str(path), "no rows", "at least one measurement")
-    header = [name for name in header if name not in extra]
-    timed = "step" not in header
-    columns = dict(zip(header, np.array(table).reshape(-1, len(header)).T, strict=True))
+        head = _Head.of(reader, path, several)
+        if head.unused:
+            warnings.warn(Note(f"{path}: {_unused(head)}"), stacklevel=2)
+        lines, columns = _read_rows(reader, path, head, names)
     if several:
-        columns.setdefault("anchor", np.full(len(lines), -1.0))
-        if "agent" not in columns:  # it may be left out where there is one
-            head, choice = f"{path}: line {begins}", tuple(names["agent"].place)
-            own = choice[0] if len(choice) == 1 else alone
-            if own is None:
-                allowed = "one, where there are several agents; or, of a table of one, its name (--agent)"
-                raise InputError(head, "no column 'agent'", allowed)
-            columns["agent"] = np.full(len(lines), names["agent"].number(own, head, "agent"))
+        columns = _with_senders(columns, names["agent"], alone, head.where)
+    timed = "step" not in columns
     if timed:
         times, columns["step"] = np.unique(columns["time_s"], return_inverse=True)
         note = f"{path}: no column step: {len(times)} steps, one for each time; a silent one isn't there"
         warnings.warn(Note(note), stacklevel=2)
-    columns |= {
-        name: columns[name].astype(np.intp) for name in ("step", "anchor", "agent") if name in columns
-    }
-    columns |= {
-        IN_DEGREES[name]: np.radians(columns[IN_DEGREES[name]]) for name in written if name in IN_DEGREES
-    }
+    columns = _in_our_units(columns, head.in_degrees)
     known, whose = tuple(names["anchor"].place), tuple(names["agent"].place)
-    if not several and "agent" in columns:
-        if len(np.unique(columns.pop("agent"))) > 1:
-            found = f"{len(whose)} agents ({', '.join(whose)})"
-            raise InputError(f"{path}: agent", found, ONE_AGENT)
+    if not several and "agent" in columns and len(np.unique(columns.pop("agent"))) > 1:
+        raise InputError(f"{path}: agent", f"{len(whose)} agents ({', '.join(whose)})", ONE_AGENT)
     if checked:
-        place = "{}: line {}: {}".format
-        named = {IN_DEGREES[name]: name for name in written if name in IN_DEGREES}
 
         def where_in_file(row: int, name: str) -> str:
-            return place(path, lines[row], name)
+            return f"{path}: line {lines[row]}: {name}"
 
-        check_columns(columns, len(known), where_in_file, several, pseudo, named, timed)
+        check_columns(columns, len(known), where_in_file, several, pseudo, head.in_degrees, timed)
     return columns, known, whose
+
+
+@dataclass(frozen=True)
+class _Head:
+    """Header of a table.
+
+    Attributes
+    ----------
+    where : str
+        File and line.
+    written, names : list of str
+        Columns as the file has them, and as they are here, where angles are in radians.
+    width : int
+        Cells of the row, with nameless ones at its end.
+    unused : list of str
+        Names that aren't known.
+    """
+
+    where: str
+    written: list[str]
+    names: list[str]
+    width: int
+    unused: list[str]
+
+    @classmethod
+    def of(cls, reader: Any, path: str | os.PathLike[str], several: bool) -> Self:
+        """The next row of a file."""
+        written, width = _header(reader)
+        names, where = [IN_DEGREES.get(name, name) for name in written], f"{path}: line {reader.line_num}"
+        return cls(where, written, names, width, _check_header(names, written, where, several))
+
+    @property
+    def used(self) -> list[str]:
+        """Names that are known, in the file's order."""
+        return [name for name in self.names if name not in self.unused]
+
+    @property
+    def in_degrees(self) -> dict[str, str]:
+        """What columns are called in the file that are degrees there, by what they are here."""
+        return {IN_DEGREES[name]: name for name in self.written if name in IN_DEGREES}
+
+
+def _unused(head: _Head) -> str:
+    """Which columns aren't used, and what they may be meant for."""
+    meant = [one for one in map(meant_by, head.unused) if one and one.column not in head.names]
+    meant += dict.fromkeys(one for name in head.unused for one in angles_meant(name, head.names))
+    ways = [f"{one.column}, {one.way}" for one in meant]
+    said = f" ({'; '.join(ways)})" if ways else ""
+    return f"column{'s' if len(head.unused) > 1 else ''} {', '.join(head.unused)} not used{said}"
+
+
+def _read_rows(
+    reader: Any, path: str | os.PathLike[str], head: _Head, names: dict[str, Names]
+) -> tuple[array[int], Columns]:
+    """Lines (K,) in the file of all rows, and their numbers by column, (K,) float64 each."""
+    lines, table = array("q"), array("d")  # a list of lists takes ten times the memory
+    marks, comma = Marks(), reader.dialect.delimiter == ";"
+    for row in reader:
+        where = f"{path}: line {reader.line_num}"
+        cells = _filled(row, len(head.names), head.width)
+        if len(cells) not in (0, len(head.names)):
+            raise InputError(where, f"{len(cells)} cells", f"{len(head.names)} cells, as in the header")
+        if not cells:
+            continue
+        lines.append(reader.line_num)
+        here = [
+            (cell.strip(), name)
+            for cell, name in zip(cells, head.names, strict=True)
+            if name not in head.unused
+        ]
+        table.extend(number_of(cell, name, names.get(name), where, comma) for cell, name in here)
+        if comma:
+            marks.look(here, where)
+    if not table:
+        raise InputError(str(path), "no rows", "at least one measurement")
+    return lines, dict(zip(head.used, np.array(table).reshape(-1, len(head.used)).T, strict=True))
+
+
+def _with_senders(columns: Columns, agents: Names, alone: str | None, where: str) -> Columns:
+    """Columns of a table of several agents, with those of anchors and agents where the file has none."""
+    count = len(columns["time_s"])
+    columns = {**columns, "anchor": columns.get("anchor", np.full(count, -1.0))}
+    if "agent" in columns:
+        return columns
+    choice = tuple(agents.place)  # it may be left out where there is one
+    own = choice[0] if len(choice) == 1 else alone
+    if own is None:
+        allowed = "one, where there are several agents; or, of a table of one, its name (--agent)"
+        raise InputError(where, "no column 'agent'", allowed)
+    return {**columns, "agent": np.full(count, agents.number(own, where, "agent"))}
+
+
+def _in_our_units(columns: Columns, in_degrees: dict[str, str]) -> Columns:
+    """Columns with whole numbers where they are, and all angles in radians."""
+    whole = [name for name in ("step", "anchor", "agent") if name in columns]
+    return (
+        columns
+        | {name: columns[name].astype(np.intp) for name in whole}
+        | {name: np.radians(columns[name]) for name in in_degrees}
+    )
 
 
 def columns_in_degrees(path: str | os.PathLike[str]) -> dict[str, str]:

@@ -83,39 +83,56 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
         Not a table of measurements at all, or no such agent.
     """
     columns, names = read_raw(path)
-    lines = summary(columns, names)
     degrees = csv_table.columns_in_degrees(path) if Path(path).suffix.lower() == ".csv" else None
+    numbers = Path(path).suffix.lower() == ".mat"
     odd = implausible_radio(scene) if scene is not None else []
     offset_m = offset_allowed_m(scene, agent) if scene is not None else 0.0
     loose = offset_m > TOLD_APART_M
-    fault = None
-    try:
-        whole = Measurements.load(path, pseudo=offset_m > 0)
-        lines[0] += "" if whole.truth is None else ", true track known"
-        lines[1:1] = [] if whole.simulated is None else [f"  simulated: {whole.simulated}"]
-    except InputError as error:
-        fault = error
-    # of a file that is refused, by a radio that can't be meant, or clocks that may be off by so much, nothing
-    # is told but what numbers alone show
-    numbers = Path(path).suffix.lower() == ".mat"
-    judge = None if odd or loose or fault is not None else scene
-    found = suspicions(columns, names, judge, agent, degrees, numbers)
+    lines, fault = _loaded(path, summary(columns, names), pseudo=offset_m > 0)
     lines += _without_angles(columns) if scene is not None and len(columns["step"]) else []
     lines += elevations.remarks(columns, scene, agent)
-    refused = [item for item in found if item.kind == "missing"]  # by `run`, too
-    lines += [f"suspect: {item}" for item in [*odd, *found] if item not in refused]
-    for line in (repeats_line(columns), time_units.strides_line(columns["step"])):
-        lines += [f"suspect: {line}"] if line else []
-    lines += [f"refused: {item}" for item in [*([] if fault is None else [fault]), *refused]]
+    # of a file that is refused, by a radio that can't be meant, or clocks that may be off by so much, nothing
+    # is told but what numbers alone show
+    judge = None if odd or loose or fault is not None else scene
+    found = suspicions(columns, names, judge, agent, degrees, numbers)
+    lines += _suspected(columns, odd, found, fault)
     if loose:
         lines.append(
             f"{HELD_OFFSETS} up to {offset_m:.0f} m, so that lines of sight aren't judged by their lengths"
         )
-    elif scene is not None and not (found or odd or any(line.startswith("refused: ") for line in lines)):
+    elif scene is not None and not (found or odd or fault is not None):
         place = _anchors(names, scene, numbers)
-        who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
-        lines.append(verdict(columns, place, scene, who))
+        lines.append(verdict(columns, place, scene, _whose(scene, agent)))
     return lines
+
+
+def _loaded(
+    path: str | os.PathLike[str], lines: list[str], pseudo: bool
+) -> tuple[list[str], InputError | None]:
+    """Lines of a summary, with what a file says of itself; and the fault for which `run` refuses it."""
+    try:
+        whole = Measurements.load(path, pseudo=pseudo)
+    except InputError as error:
+        return lines, error
+    known = "" if whole.truth is None else ", true track known"
+    origin = [] if whole.simulated is None else [f"  simulated: {whole.simulated}"]
+    return [lines[0] + known, *origin, *lines[1:]], None
+
+
+def _suspected(
+    columns: Columns, odd: list[str], found: list[Suspicion], fault: InputError | None
+) -> list[str]:
+    """What looks wrong, in lines: with the scene's radio, with columns; and for what the file is refused."""
+    missing = [item for item in found if item.kind == "missing"]  # refused by `run`, too
+    suspect: list[object] = [item for item in [*odd, *found] if item not in missing]
+    suspect += filter(None, (repeats_line(columns), time_units.strides_line(columns["step"])))
+    refused = [*([] if fault is None else [fault]), *missing]
+    return [*(f"suspect: {item}" for item in suspect), *(f"refused: {item}" for item in refused)]
+
+
+def _whose(scene: Scene, agent: str | None) -> str | None:
+    """The agent whose table it is: the one that is told, or the scene's first."""
+    return agent if agent is not None else (scene.agents[0].name if scene.agents else None)
 
 
 def _without_angles(columns: Columns) -> list[str]:
@@ -221,7 +238,7 @@ def suspicions(
         text = f"{kind} ({allowed})"
         return [*found, Suspicion("anchor", "anchors", text, True, f"found {', '.join(names)}")]
     table = columns | {"anchor": place[columns["anchor"]]}
-    who = agent if agent is not None else (scene.agents[0].name if scene.agents else None)
+    who = _whose(scene, agent)
     wide, table = degrees(table, scene, who)
     found += [*variances(table, scene), *wide]
     found += against_scene(table, scene, who, {item.column for item in plain})

@@ -55,20 +55,30 @@ def verdict(columns: Columns, place: NDArray[np.intp] | None, scene: Scene, agen
     share = f"{seen.explained:.0%}" if seen.scans >= FEW else f"about {seen.explained * seen.scans:.0f}"
     line = f"line of sight to the anchors in {share} of {seen.judged}"
     if seen.explained >= fitting(scene):
-        alone = _alone(table, scene, agent, seen)
-        line += f": units and frames fit the scene{_as_far_as(alone, scene)}{_rest(table, seen)}"
-        if seen.scans < FEW:
-            return f"{line}, as far as so few scans tell"
-        both = steps_to_judge_by(table, seen, scene)
-        if both < MANY and both_measured(table):
-            total = len(np.unique(table["step"]))
-            line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
-        line += _cannot_be_told(alone, scene) + _start_unseen(table, scene, agent)
-        line += whose(table, scene, agent, seen)
-        return line + _not_judged(table, scene, seen) + _aside(table, scene, seen)
+        return line + _fits(table, scene, agent, seen)
     if len(scene.anchors) > 1:
         line += f" ({_each(scene, seen)})"
-    if not any(len(finite(columns, name)) for name in ANGLES):
+    return _falls_short(line, table, scene, agent, seen)
+
+
+def _fits(table: Columns, scene: Scene, agent: str | None, seen: Sight) -> str:
+    """What is said where lines of sight explain the rows: that they fit, and what isn't told by that."""
+    alone = _alone(table, scene, agent, seen)
+    line = f": units and frames fit the scene{_as_far_as(alone, scene)}{_rest(table, seen)}"
+    if seen.scans < FEW:
+        return f"{line}, as far as so few scans tell"
+    both = steps_to_judge_by(table, seen, scene)
+    if both < MANY and both_measured(table):
+        total = len(np.unique(table["step"]))
+        line += f"; heights and clocks can't be told: two anchors at once at {both} of {total} steps"
+    line += _cannot_be_told(alone, scene) + _start_unseen(table, scene, agent)
+    line += whose(table, scene, agent, seen)
+    return line + _not_judged(table, scene, seen) + _aside(table, scene, seen)
+
+
+def _falls_short(line: str, table: Columns, scene: Scene, agent: str | None, seen: Sight) -> str:
+    """What is said where they don't, after a line that says how much: unsure, or suspect, and why."""
+    if not any(len(finite(table, name)) for name in ANGLES):
         return f"{line}: distances alone don't tell where the agent is, so that nothing more can be said"
     if seen.explained < BLIND or seen.scans < FEW:
         whether = "whether units and frames are right; no single cure explains the rows"
