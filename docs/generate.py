@@ -30,7 +30,7 @@ from gridslam.runs.step_datasets import ALL_STEPS
 from gridslam.runs.summary import SUMMARY, Entry
 from gridslam.studies.columns import HEAD, RECORD, RUNS, STEPS
 from gridslam.studies.columns import SUMMARY as TOTALS
-from gridslam.systems.registry import METHODS
+from gridslam.systems.registry import METHODS, method_class, uses_maps
 from gridslam.world.columns import TABLE
 from gridslam.world.scene_reference import keys
 
@@ -92,7 +92,7 @@ def methods_page() -> str:
     ]
     for name, entry in METHODS.items():
         page = entry.page.removeprefix("docs/")
-        kept = "yes" if entry.takes_map else "no"
+        kept = "yes" if uses_maps(method_class(name)) else "no"
         cells = entry.about, meaning("whose", name), entry.measures, kept, f"[{page.split('/')[0]}]({page})"
         lines.append(f"| `{name}` | {' | '.join(cells)} |")
     for name in METHODS:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from gridslam.cli.agents import simulation_note
 from gridslam.errors import InputError
-from gridslam.systems.registry import METHODS, method_class, taken_by
+from gridslam.systems.registry import METHODS, method_class, taken_by, uses_maps
 
 if TYPE_CHECKING:
     from gridslam.cli.asked import Asked
@@ -54,8 +54,8 @@ def require_map_used(map_file: Path | None, system: type, method: str) -> None:
     InputError
         The method goes on from no map.
     """
-    if map_file is not None and not getattr(system, "uses_maps", True):
-        able = ", ".join(name for name, entry in METHODS.items() if entry.takes_map)
+    if map_file is not None and not uses_maps(system):
+        able = ", ".join(name for name in METHODS if uses_maps(method_class(name)))
         found = f"{map_file}, with method {method!r}, which goes on from no map"
         raise InputError("--map", found, f"none, or a method that does: {able}")
 

@@ -28,7 +28,7 @@ OWN = "package.module:Class"
 
 @dataclass(frozen=True)
 class Method:
-    """An entry.
+    """An entry: what has to be known before a class is imported. The rest is said by the class.
 
     Attributes
     ----------
@@ -43,9 +43,8 @@ class Method:
     measures : str
         What it takes of what a radio measures.
     takes : "paths" or "signal"
-        The kind of observation: path measurements, or sampled signals.
-    takes_map : bool
-        Whether it goes on from the map that an earlier agent left.
+        The kind of observation: path measurements, or sampled signals. The class has it, too, see `taken_by`:
+        what isn't entered here can be asked nowhere else. A test holds that they agree.
     several : bool
         Whether it takes several agents at once.
     on_angles : bool
@@ -69,7 +68,6 @@ class Method:
     about: str
     page: str
     measures: str = "paths: distances, with angles and amplitudes where measured"
-    takes_map: bool = True
     takes: Kind = "paths"
     several: bool = False
     on_angles: bool = False
@@ -103,14 +101,12 @@ _ENTERED = (
         "gridslam.systems.virtual_anchor:VirtualAnchorSlam",
         "virtual-anchor SLAM: each surface serves one anchor",
         "docs/model/virtual-anchors.md#8-virtual-anchors",
-        takes_map=False,
     ),
     Method(
         "refa",
         "gridslam.systems.published.refa:PublishedVirtualAnchorSlam",
         "virtual-anchor SLAM by particles, as published (REFA): a reference",
         "docs/model/virtual-anchors.md#as-published",
-        takes_map=False,
         on_angles=True,
         has_health=False,
     ),
@@ -120,7 +116,6 @@ _ENTERED = (
         "direct SLAM: agent and virtual anchors straight from sampled signals",
         "docs/model/direct.md#12-direct-slam",
         "samples over frequency, one antenna at either end; of arrays it is direct_grid",
-        takes_map=False,
         takes="signal",
         antennas="single antennas",
         draws_particles=False,
@@ -141,7 +136,6 @@ _ENTERED = (
         "direct SLAM by particles, as published: a reference",
         "docs/model/direct-published.md#particles-and-messages",
         "samples over frequency, one antenna at either end",
-        takes_map=False,
         takes="signal",
         antennas="single antennas",
         has_health=False,
@@ -165,7 +159,6 @@ _ENTERED = (
         "gridslam.systems.published.network_paper:PublishedNetworkSlam",
         "network SLAM by particles, as published: a reference",
         "docs/model/network-published.md#as-published",
-        takes_map=False,
         several=True,
         on_angles=True,
         has_health=False,
@@ -185,7 +178,6 @@ _ENTERED = (
         "hybrid SLAM's reference: the line of sight alone, no map",
         "docs/model/hybrid-maps.md#without-features",
         measures="sampled signals, as hybrid",
-        takes_map=False,
         takes="signal",
         maps=False,
     ),
@@ -196,7 +188,6 @@ _ENTERED = (
         "docs/model/hybrid.md#15-hybrid-slam",
         measures="sampled signals, as hybrid",
         learns=True,
-        takes_map=False,
         takes="signal",
     ),
     Method(
@@ -206,7 +197,6 @@ _ENTERED = (
         "docs/model/hybrid-maps.md#as-published",
         measures="sampled signals, as hybrid",
         learns=True,
-        takes_map=False,
         takes="signal",
     ),
 )
@@ -232,6 +222,11 @@ def taken_by(method: type) -> Kind:
     if found not in ("paths", "signal"):
         raise InputError(f"{method.__name__}.takes", repr(found), "'paths' or 'signal'")
     return cast("Kind", found)
+
+
+def uses_maps(method: type) -> bool:
+    """Whether a method's class goes on from the map that an earlier agent left: its attribute, or yes."""
+    return bool(getattr(method, "uses_maps", True))
 
 
 def kind_of(name: str) -> Kind:

@@ -143,7 +143,6 @@ def test_our_methods_are_what_a_method_has_to_be(name):
     assert registry.taken_by(found) == METHODS[name].takes
     assert isinstance(found(gs.Scene.load(SAMPLED[name]) if name in SAMPLED else SCENE), gs.Slam)
     assert (name in SAMPLED) == (METHODS[name].takes == "signal")
-    assert METHODS[name].takes_map == getattr(found, "uses_maps", True)
 
 
 def test_a_method_without_start_at_is_told_its_start_by_the_scene():
