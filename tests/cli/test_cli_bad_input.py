@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 from cli_samples import HEADER, ROWS, listing
+from refusals import one_line
 from scene_samples import shortened
 
 import gridslam as gs
@@ -17,12 +18,9 @@ pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 
 
 def refused(result, tmp_path, before, *words):
-    assert result.code == 2, result
-    assert len(result.complaints) == 1, result.err
+    one_line(result, *words)
     assert result.complaints[0].startswith("error: ")
     assert "Traceback" not in result.err + result.out
-    for word in words:
-        assert word in result.err
     assert listing(tmp_path) == before
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interrupted_runs import prepared
 from tiny import TINY
 
 import gridslam as gs
@@ -20,8 +21,7 @@ def scored(folder):
 
 @pytest.fixture
 def tiny(say):
-    Path("tiny.toml").write_text(TINY)
-    return say
+    return prepared(say)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from tiny import TINY
+from interrupted_runs import prepared
 
 import gridslam as gs
 
@@ -18,9 +18,7 @@ STOPPED = {signal.SIGINT: (130, "interrupted"), signal.SIGTERM: (143, "terminate
 
 @pytest.fixture
 def tiny(say, no_figures, ctrl_c):
-    """The command line in a folder with a small scene."""
-    Path("tiny.toml").write_text(TINY)
-    return say
+    return prepared(say)
 
 
 def cut_short(monkeypatch, module, name, number=signal.SIGINT, then=lambda *_, **__: []):

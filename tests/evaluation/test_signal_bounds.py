@@ -4,16 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND
 from scene_samples import short
 
 import gridslam as gs
 from gridslam.evaluation.bounds import known_map_bound
 from gridslam.evaluation.signal_bounds import signal_bound
-from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.simulation.image_source import true_paths
 from gridslam.world.radio import SPEED_OF_LIGHT
 
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 STEPS = 12
 
 

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from interrupted_runs import here, prepared
 from tiny import TINY
 
 from gridslam.errors import InputError
@@ -25,9 +26,7 @@ RUN = ("run", "tiny.toml", "--particles", "100", "-o", "out")
 
 @pytest.fixture
 def tiny(say):
-    """The command line in a folder that holds a small scene alone."""
-    Path("tiny.toml").write_text(TINY)
-    return say
+    return prepared(say)
 
 
 @pytest.fixture(scope="module")
@@ -36,10 +35,6 @@ def dead():
     process = subprocess.Popen([sys.executable, "-c", ""])
     process.wait()
     return process.pid
-
-
-def here():
-    return sorted(os.listdir())
 
 
 # ---- two runs, one folder ---------------------------------------------------------------------------

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from tiny import TINY
+from interrupted_runs import here, prepared
 
 import gridslam as gs
 from gridslam.runs import reservation
@@ -22,13 +22,7 @@ RUN = ("run", "tiny.toml", "--particles", "100", "-o", "out")
 
 @pytest.fixture
 def tiny(say):
-    """The command line in a folder that holds a small scene alone."""
-    Path("tiny.toml").write_text(TINY)
-    return say
-
-
-def here():
-    return sorted(os.listdir())
+    return prepared(say)
 
 
 def stop_at(monkeypatch, number, step=1):

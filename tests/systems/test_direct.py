@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND, noise, received
 from image_states import with_images
 from scene_samples import short
 
@@ -150,12 +151,11 @@ def test_a_step_whose_anchors_fit_both_sides_says_so(overlap):
 
 def test_a_first_snapshot_of_many_paths_is_taken_apart_at_once():
     """Ten paths over two bounces; a rate of few, or four births at most, would drag the line of sight."""
-    band, rng = Band.of(1e7 * (np.arange(41) - 20)), np.random.default_rng(4)
+    rng = np.random.default_rng(4)
     distance = 4 + np.array([0.0, 0.7, 1.6, 2.5, 3.2, 4.4, 5.3, 6.9, 8.1, 9.6])
     amplitude = 10 ** (np.linspace(32, 18, 10) / 20) * np.exp(2j * np.pi * rng.random(10))
-    noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
     prior = PathPrior(distance[:1] + 0.05, np.array([[100.0]]), np.array([1500.0]))
-    found = find_births(band, amplitude @ band.response(distance) + noise, prior, 1.0, birth_rate(0, 2))
+    found = find_births(BAND, received(rng, distance, amplitude), prior, 1.0, birth_rate(0, 2))
     assert np.abs(found.mode.distance[:, None] - distance).min(0).max() < 0.15
     assert abs(found.mode.distance[0] - 4) < 0.03
     assert len(found.mode.distance) < 13
@@ -164,17 +164,17 @@ def test_a_first_snapshot_of_many_paths_is_taken_apart_at_once():
 
 
 def test_the_first_noise_is_not_what_many_paths_leave_in_every_cell():
-    band, rng = Band.of(1e7 * (np.arange(41) - 20)), np.random.default_rng(5)
-    cells, alone, many, plain, quiet = band.folding_m / 41 * np.arange(41), [], [], [], []
+    rng, response = np.random.default_rng(5), np.conj(BAND.response(BAND.folding_m / 41 * np.arange(41)))
+    cells, alone, many, plain, quiet = BAND.folding_m / 41 * np.arange(41), [], [], [], []
     for _ in range(200):
         distance, power = rng.uniform(3, 18, 10), 10 ** rng.uniform(1, 3.5, 10)
         amplitude = np.sqrt(power) * np.exp(2j * np.pi * rng.random(10))
-        noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
-        samples = amplitude @ band.response(distance) + noise
-        alone.append(first_noise(band, noise, cells))
-        many.append(first_noise(band, samples, cells))
-        plain.append(median_noise(np.abs(np.conj(band.response(cells)) @ samples) ** 2))
-        quiet.append(median_noise(np.abs(np.conj(band.response(cells)) @ noise) ** 2))
+        silence = noise(rng)
+        samples = amplitude @ BAND.response(distance) + silence
+        alone.append(first_noise(BAND, silence, cells))
+        many.append(first_noise(BAND, samples, cells))
+        plain.append(median_noise(np.abs(response @ samples) ** 2))
+        quiet.append(median_noise(np.abs(response @ silence) ** 2))
     assert np.mean(alone) == pytest.approx(1.0, abs=0.25)
     assert np.mean(quiet) == pytest.approx(1.0, abs=0.1)
     assert np.median(many) < 0.4 * np.median(plain)
@@ -182,11 +182,10 @@ def test_the_first_noise_is_not_what_many_paths_leave_in_every_cell():
 
 
 def test_no_path_is_born_in_front_of_the_line_of_sight_by_folding():
-    band = Band.of(1e7 * (np.arange(41) - 20))
     prior = PathPrior(np.array([5.0]), np.array([[1e4]]), np.array([400.0]))
-    samples = 20 * band.response(5.0) + 20j * band.response(4.7)
-    found = find_births(band, samples, prior, 1.0, birth_rate(0, 2))
-    assert all(path.distance < 5.0 + band.folding_m - 0.5 for path in found.new)
+    samples = 20 * BAND.response(5.0) + 20j * BAND.response(4.7)
+    found = find_births(BAND, samples, prior, 1.0, birth_rate(0, 2))
+    assert all(path.distance < 5.0 + BAND.folding_m - 0.5 for path in found.new)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from refusals import one_line
 from tiny import TINY
 
 import gridslam as gs
@@ -47,13 +48,6 @@ class Least:
 
 def spoiled(**members):
     return type("Spoiled", (Least,), members)
-
-
-def one_line(result, *words):
-    assert result.code == 2, result
-    assert len(result.complaints) == 1, result.err
-    for word in words:
-        assert word in result.err
 
 
 @pytest.fixture

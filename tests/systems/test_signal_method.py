@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from echo_slam import EchoFilter
+from refusals import one_line
 from signal_samples import sampled_scene
 
 import gridslam as gs
@@ -20,13 +21,6 @@ HELPERS = Path(__file__).resolve().parents[1] / "helpers"
 NAME = "echo_slam:EchoFilter"
 WALL = {"material": "concrete", "points_m": [[-6.0, 6.0], [6.0, 6.0]]}
 SCENE = sampled_scene([WALL], {"snr_at_1m_db": 60.0}, prior={"position_m": 0.1, "velocity_mps": 0.01})
-
-
-def one_line(result, *words):
-    assert result.code == 2, result
-    assert len(result.complaints) == 1, result.err
-    for word in words:
-        assert word in result.err
 
 
 @pytest.fixture

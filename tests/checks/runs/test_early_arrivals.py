@@ -1,29 +1,20 @@
 """Paths shorter than the line of sight to where a run puts its agent: named if it was elsewhere."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from room_tracks import ROOM, STEPS, went
 
 import gridslam as gs
 from gridslam.checks.runs.early_arrivals import LEAST_STEPS, early_arrivals
 
-ROOM = gs.Scene.load("room")
 MODEL = ROOM.filter_model("agent1")
-STEPS = 30
 
 
 @pytest.fixture(scope="module")
 def heard():
     return gs.simulate(ROOM, "agent1", seed=3)
-
-
-def went(off_m=(0.0, 0.0), std_m=0.02):
-    """Estimates that are off the true track by so much."""
-    place = ROOM.track("agent1").position_m[:STEPS] + np.asarray(off_m)
-    known = std_m**2 * np.eye(5)
-    return [SimpleNamespace(step=k, position_m=p, covariance=known) for k, p in enumerate(place)]
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -1,18 +1,16 @@
 """Anchors that an earlier map says are in sight: named if they fall silent for long, and never else."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from room_tracks import ROOM, STEPS, went
 
 import gridslam as gs
 from gridslam.checks.runs.silent_sights import LEAST_STEPS, silent_sights
 from gridslam.maps.map import Map
 
-ROOM = gs.Scene.load("room")
 MODEL = ROOM.filter_model("agent1")
-STEPS = 30
 
 
 @pytest.fixture(scope="module")
@@ -25,13 +23,6 @@ def free():
     """A map in which every cell is surely free."""
     grid = Map.blank(ROOM.grid.origin_m, ROOM.grid.cell_m, ROOM.grid.shape, 0.05)
     return replace(grid, evidence=np.full(grid.shape, -9.0), observed=np.ones(grid.shape, bool))
-
-
-def went(std_m=0.02):
-    """Estimates along the true track."""
-    place = ROOM.track("agent1").position_m[:STEPS]
-    known = std_m**2 * np.eye(5)
-    return [SimpleNamespace(step=k, position_m=p, covariance=known) for k, p in enumerate(place)]
 
 
 def without_sight(heard, anchor, steps):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND, received
 
 import gridslam as gs
 from gridslam.errors import InputError
@@ -13,12 +14,9 @@ from gridslam.inference.management.samples.image_starts import (
     find_places,
     is_one,
 )
-from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.samples.images import DirectState
 from gridslam.world.signal_scan import SignalScan
-
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 
 
 def scene_of(half_m, steps=12):
@@ -51,8 +49,7 @@ def test_a_start_within_a_cell_is_taken_as_it_is():
 def test_lengths_of_paths_are_found_one_by_one():
     """Amplitudes 30, 10 and 6 over noise of 1; 2.2 m is less than three c/B from the strongest."""
     rng = np.random.default_rng(2)
-    samples = np.array([30, 10j, -6]) @ BAND.response([4.0, 6.2, 11.0])
-    samples = samples + (rng.normal(size=41) + 1j * rng.normal(size=41)) / np.sqrt(2)
+    samples = received(rng, [4.0, 6.2, 11.0], [30, 10j, -6])
     found = np.sort(find_peaks(BAND, samples, 1.0))
     assert all(np.abs(found - true).min() < 0.1 for true in (4.0, 6.2, 11.0))
     assert len(find_peaks(BAND, samples / 1e3, 1.0)) == 0

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND
 
 import gridslam as gs
 from gridslam.inference.health.signal_watch import SignalWatch
 from gridslam.inference.management.samples.mirrored_places import bends, watch_mirrors
-from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.samples.images import DirectState
 
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 SNR = 800.0
 
 

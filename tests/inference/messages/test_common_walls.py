@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND, received
 from image_states import with_images
 
 import gridslam as gs
@@ -24,10 +25,8 @@ from gridslam.inference.messages.samples.image_proposals import (
 )
 from gridslam.inference.messages.samples.path_levels import update_levels
 from gridslam.inference.messages.samples.ring_births import add_tentative
-from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.world.geometry import mirror
 
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 FLOOR, SIDE = np.array([-0.5 * np.pi, 0.0]), np.array([0.0, 9.0])  # y = 0, x = 9
 
 
@@ -156,8 +155,7 @@ def sampled(state, model, anchor, places, seed, snr_db=25.0):
     rng, start = np.random.default_rng(seed), model.start_mean[:2]
     span = [np.linalg.norm(start - p) for p in (model.anchor_positions[anchor], *places)]
     amplitude = 10 ** (snr_db / 20) * np.exp(2j * np.pi * rng.random(len(span)))
-    samples = amplitude @ BAND.response(np.array(span))
-    samples += np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
+    samples = received(rng, span, amplitude)
     links = replace(state.links, intensity=np.full(2, 10 ** (snr_db / 10)), heard=np.full(2, 10.0))
     state = replace(state, links=links)
     paths = predict_paths(state, anchor, model)

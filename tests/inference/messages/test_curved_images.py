@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND, received
 
 import gridslam as gs
 from gridslam.inference.beliefs.belief import Belief, append
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import birth_rate, find_births
 from gridslam.inference.messages.samples.image_prediction import image_distances
-from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.samples.images import DirectState, Images
-
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +41,7 @@ def snapshot(rng, distance, snr_db):
     """Steady paths in noise of power 1."""
     turn = 2 * np.pi * rng.random(len(distance))
     amplitude = 10 ** (np.asarray(snr_db) / 20) * np.exp(1j * turn)
-    noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
-    return amplitude @ BAND.response(np.asarray(distance)) + noise
+    return received(rng, distance, amplitude)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND, received, snapshot
 
 import gridslam as gs
 from gridslam.inference.beliefs.belief import append
@@ -28,11 +29,10 @@ from gridslam.inference.messages.samples.image_prediction import (
 from gridslam.inference.messages.samples.image_rings import forbid_own_place, join_straight_rings
 from gridslam.inference.messages.samples.path_levels import reclaim_line_of_sight, update_levels
 from gridslam.inference.messages.samples.ring_births import add_tentative
-from gridslam.inference.messages.samples.signal_likelihood import Band, log_densities
+from gridslam.inference.messages.samples.signal_likelihood import log_densities
 from gridslam.inference.state.samples.images import DirectState, Images
 from gridslam.world.geometry import unit
 
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 RATE = birth_rate(100, 1)
 
 
@@ -157,8 +157,7 @@ def test_mode_and_covariance_are_those_of_the_posterior():
     rng = np.random.default_rng(3)
     distance, weight = np.array([4.0, 4.45, 6.0]), np.array([400.0, 300.0, 100.0])
     amplitude = np.sqrt(weight) * np.exp(1j * np.array([0.3, 1.9, -2.0]))
-    noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
-    samples = amplitude @ BAND.response(distance) + noise
+    samples = received(rng, distance, amplitude)
     prior = PathPrior(distance + np.array([0.02, -0.01, 0.03]), np.diag([400.0, 400.0, 100.0]), weight)
     mode = joint_mode(BAND, samples, prior, 1.0)
     root = np.linalg.cholesky(2 * mode.covariance)
@@ -188,15 +187,6 @@ def away(model, visible, existence=0.3):
     links = replace(state.links, visible=np.ones(2), intensity=np.full(2, 300.0), noise=np.ones(2))
     state = replace(state, images=images, links=links)
     return state, predict_paths(state, 0, model)
-
-
-def snapshot(seed, *paths):
-    """Noise of power 1 and paths: distance and amplitude each."""
-    draw = np.random.default_rng(seed)
-    samples = np.sqrt(0.5) * (draw.normal(size=41) + 1j * draw.normal(size=41))
-    for number, (distance, amplitude) in enumerate(paths):
-        samples = samples + amplitude * np.exp(1j * number) * BAND.response(distance)
-    return samples
 
 
 @pytest.mark.parametrize("seed", range(4))

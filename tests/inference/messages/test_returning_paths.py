@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND, snapshot
 
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import birth_rate, find_births
 from gridslam.inference.messages.samples.returning_paths import reach_of
-from gridslam.inference.messages.samples.signal_likelihood import Band
 
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 RATE, SIGHT_M = birth_rate(100, 1), 6.0
 pytestmark = pytest.mark.parametrize("seed", range(3))
 
@@ -25,11 +24,7 @@ def away(deviation, chance=0.01, *images):
 
 def found(prior, seed, *paths):
     """What a snapshot of noise and paths (distance, amplitude) holds."""
-    draw = np.random.default_rng(seed)
-    samples = np.sqrt(0.5) * (draw.normal(size=41) + 1j * draw.normal(size=41))
-    for number, (distance, amplitude) in enumerate(paths):
-        samples = samples + amplitude * np.exp(1j * number) * BAND.response(distance)
-    return find_births(BAND, samples, prior, 1.0, RATE)
+    return find_births(BAND, snapshot(seed, *paths), prior, 1.0, RATE)
 
 
 def new_of(all_found):

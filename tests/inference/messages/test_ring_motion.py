@@ -5,18 +5,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from delay_snapshots import BAND, received
 
 import gridslam as gs
 from gridslam.inference.beliefs.belief import Belief, append
 from gridslam.inference.messages.samples.distance_mode import PathPrior
 from gridslam.inference.messages.samples.image_births import find_births
 from gridslam.inference.messages.samples.ring_motion import tell_motion
-from gridslam.inference.messages.samples.signal_likelihood import Band
 from gridslam.inference.state.rings import rings_about
 from gridslam.inference.state.samples.images import DirectState, Tentative
 from gridslam.systems import direct
 
-BAND = Band.of(1e7 * (np.arange(41) - 20))
 AGENT = np.diag([0.04, 0.09, 0.01, 0.02])
 
 
@@ -114,9 +113,8 @@ def test_doubtful_and_new_rings_tell_nothing_and_all_others_follow():
 def test_a_line_of_sight_shorter_than_predicted_is_no_image_a_folding_range_on(short):
     """A start known to 0.3 m: what arrives in front of the prediction folds back to where images may be."""
     rng, sight = np.random.default_rng(3), 2.4
-    noise = np.sqrt(0.5) * (rng.normal(size=41) + 1j * rng.normal(size=41))
     distance, amplitude = np.array([sight, sight + 1.3, sight + 1.6]), 10 ** (np.array([32, 23, 20]) / 20)
-    samples = (amplitude * np.exp([1j, 2j, 0.3j])) @ BAND.response(distance) + noise
+    samples = received(rng, distance, amplitude * np.exp([1j, 2j, 0.3j]))
     prior = PathPrior(np.array([sight + short]), np.array([[0.3**-2]]), np.array([1000.0]))
     found = find_births(BAND, samples, prior, 1.0, 0.5, first=True)
     assert all(new.distance < sight + BAND.folding_m - 1 for new in found.new)
