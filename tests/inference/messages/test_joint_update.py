@@ -162,6 +162,21 @@ def test_errors_are_as_large_as_the_covariance_says():
     assert 0.75 < np.mean(squares) < 1.3  # 420 squares: a deviation of 0.07 about 1
 
 
+def test_what_is_left_of_the_covariance_is_the_priors_and_the_samples_information():
+    """Their precisions add up, where the maximum is; the prior is singular, an image has no extra length."""
+    model, draw, one = signal_model(), np.random.default_rng(2), belief()
+    z = received(model, (0.05, -0.05), 0.3, POINTS, POWERS, draw)
+    found, _ = update(one, z, AUDIBLE, 0.3, model, 0)
+    at = np.append(found.mean, 0.0)
+    _, curvature, _ = state_slopes(at, one, z[0], 0.3, POWERS, model)
+    before = np.pad(one.covariance, (0, 1))
+    before[-1, -1] = model.waveform.heading_std_rad**2
+    left = np.linalg.solve(np.eye(len(at)) + before @ curvature, before)[:-1, :-1]
+    assert (np.diagonal(left)[:2] < 0.2 * np.diagonal(one.covariance)[:2]).all()
+    scale = np.sqrt(np.outer(np.diagonal(left), np.diagonal(left))) + 1e-12
+    np.testing.assert_allclose(found.covariance / scale, left / scale, atol=0.02)
+
+
 def test_agent_and_features_stay_correlated():
     model, draw = signal_model(), np.random.default_rng(3)
     z = received(model, (0.05, 0.05), 0.3, POINTS[1:], POWERS[1:], draw)

@@ -1,5 +1,7 @@
 """Distances alone: exact association, rings of hypotheses, and the radio that measures nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from enumeration import enumerate_marginals, random_association
@@ -163,6 +165,18 @@ def some_rings(draw, count=2):
     agent = np.zeros((AGENT, AGENT))
     agent[:4, :4], agent[4, 4] = joint[:4, :4], 1.0
     return bank, Belief(np.concatenate([draw.normal(size=4), [0.3]]), agent)
+
+
+def test_the_likeliest_rings_of_each_anchor_are_kept():
+    one, _ = some_rings(np.random.default_rng(1))
+    bank = one.take(np.zeros(rings.MOST_RINGS + 8, np.intp))
+    existence = np.random.default_rng(2).permutation(np.linspace(0.1, 0.9, len(bank)))
+    anchor = np.where(np.arange(len(bank)) < 5, 1, 0)  # of anchor 1 there are few, of the other 3 too many
+    kept = rings.prune(replace(bank, existence=existence, anchor=anchor), 1.0)
+    assert np.bincount(kept.anchor).tolist() == [rings.MOST_RINGS, 5]
+    np.testing.assert_array_equal(kept.existence[kept.anchor == 1], existence[:5])
+    dropped = np.setdiff1d(existence, kept.existence)
+    assert dropped.max() < kept.existence[kept.anchor == 0].min()
 
 
 @pytest.mark.parametrize("seed", range(5))
