@@ -1,4 +1,4 @@
-"""Dead antenna elements and snapshots that repeat are named; sound recordings aren't accused."""
+"""Dead antenna elements, snapshots that repeat and glitches are named; sound recordings aren't accused."""
 
 import numpy as np
 import pytest
@@ -54,3 +54,23 @@ def test_snapshots_that_repeat_are_counted_by_anchor():
     samples = noise()
     samples[3] = samples[2]
     assert faults(samples) == []  # one snapshot written twice
+
+
+@pytest.mark.parametrize("loud", [[12], [0], [29], [5, 6, 20], [2, 9, 15, 21]])
+def test_snapshots_that_are_far_too_loud_are_named_with_their_anchor(loud):
+    samples, heard = noise(), np.ones((30, 2), bool)
+    heard[3:5] = False  # numbers are those of the file's steps
+    samples[loud, 1] *= 1e4
+    (line,) = faults(samples, heard)
+    some = "12" if loud == [12] else ", ".join(map(str, loud[:3])) + " and 1 more" * (len(loud) > 3)
+    assert line.startswith(f"anchor B: snapshot{'s' * (len(loud) > 1)} {some} (samples[{loud[0]}, 1]) ")
+    assert " 80 dB louder" in line or " 79 dB louder" in line
+
+
+def test_a_way_past_an_anchor_and_a_gain_that_stays_are_no_glitch():
+    samples = noise()
+    far = np.hypot(0.05, np.linspace(-3.0, 3.0, 30))
+    assert faults(samples / far[:, None, None, None, None]) == []
+    samples[24:] *= 1e3
+    assert faults(samples) == []
+    assert faults(noise((5, 2, 1, 1, 16)) * np.array([1, 1, 1e4, 1, 1])[:, None, None, None, None]) == []
