@@ -20,6 +20,12 @@ from gridslam.arrays import Array
 from gridslam.checks.signals.delays import Delays, delay_profile
 from gridslam.checks.signals.directions import Directions, directions
 from gridslam.checks.signals.elements import sample_faults
+from gridslam.checks.signals.frequency_units import (
+    READABLE,
+    factor_by_delays,
+    half_width,
+    possible_units,
+)
 from gridslam.checks.signals.order import TIMES, over_time, shift_line, shift_of, some_of, spectrum
 from gridslam.checks.signals.places import MOST_PLACES, Complex, Places, exchanged, places_of
 from gridslam.checks.signals.stated import frequency_factor, frequency_line, stated_faults
@@ -40,8 +46,6 @@ PLANAR = (
     "and methods on sampled signals (direct, hybrid) refuse such scenes: gridslam extract makes paths of the "
     "samples, for grid and adaptive"
 )
-READABLE = (1e4, 1e9)
-"""Frequency steps (Hz) that a radio may have."""
 
 
 def describe_signal(
@@ -83,14 +87,18 @@ def describe_signal(
     except (InputError, IndexError):
         return lines  # whoever reads the file is told
     lines += _band(waveform, scene)
+    usable = _usable_snapshots(raw, samples)
+    places = places_of(raw, usable, scene, agent)
     factor = frequency_factor(waveform, scene)
+    told = frequency_line(waveform, factor) if factor != 1.0 else ""
+    if factor == 1.0:
+        factor, told = factor_by_delays(samples, waveform, places, scene)
     if factor != 1.0:
-        lines[1:] = [lines[1], frequency_line(waveform, factor)]
+        lines[1:] = [lines[1], told]
         waveform = replace(waveform, offset_hz=factor * waveform.offset_hz)
     lines += stated_faults(raw, scene, agent)
     if scene is not None and scene.has_heights:
         lines.append(f"note: {scene.name} has heights, {PLANAR}")
-    usable = _usable_snapshots(raw, samples)
     if not usable.any():
         return lines
     roll = shift_of(some_of(samples, usable), waveform)
@@ -101,7 +109,6 @@ def describe_signal(
     lines += [f"suspect: samples: {fault}" for fault in sample_faults(samples, usable, raw["anchors"])]
     if scene is not None and tuple(raw["anchors"]) != scene.anchor_names:
         lines.append(f"suspect: anchors: names that aren't the scene's ({', '.join(scene.anchor_names)})")
-    places = places_of(raw, usable, scene, agent)
     if places is None:
         more = "a scene (--scene) or a true track in the file would let the line of sight be looked for"
         return [*lines, f"signs, units of elements and offsets not checked: {more}"]
@@ -124,7 +131,9 @@ def _band(waveform: Waveform, scene: Scene | None) -> list[str]:
     reach = f"c/B = {resolution:.3g} m overlap, longer ones than {folding:.4g} m fold back"
     lines = [f"{radio}: paths closer than {reach}"]
     if not READABLE[0] <= step <= READABLE[1]:
-        lines.append(f"suspect: frequency_hz: steps of {step:g} Hz, which would be MHz or GHz rather than Hz")
+        units = " or ".join(possible_units(waveform).values())
+        meant = f"which would be {units} rather than Hz" if units else "which no radio has: Hz?"
+        lines.append(f"suspect: frequency_hz: steps of {step:g} Hz, {meant}")
     elif scene is not None:
         corners = np.array([[x, y] for x in scene.grid.x_m for y in scene.grid.y_m])
         far = float(np.linalg.norm(corners - scene.anchor_positions[:, None], axis=-1).max())
@@ -164,7 +173,7 @@ def _line_of_sight(
     raw: dict[str, Any], samples: Array, waveform: Waveform, places: Places, others: Mapping[str, Places]
 ) -> list[str]:
     """Judge delays, then directions; `others` are the places with two anchors exchanged, by what that is."""
-    own, half = Delays.of(samples, waveform, places), _half(waveform, places)
+    own, half = Delays.of(samples, waveform, places), half_width(waveform, places)
     plain = own.share(places, half)
     where = f"found at its length, in {len(own.samples)} snapshots"
     lines = [f"line of sight: {plain:.0%} of the strongest peak is {where}"]
@@ -202,11 +211,6 @@ def _line_of_sight(
     return [*lines, *said[:1], swapped] if swapped else lines + said
 
 
-def _half(waveform: Waveform, places: Places) -> float:
-    """How far beside its length the line of sight is looked for, m."""
-    return max(0.75 * SPEED_OF_LIGHT / waveform.bandwidth_hz, places.slack_m)
-
-
 def _exchange(
     raw: dict[str, Any], samples: Array, waveform: Waveform, others: Mapping[str, Places], plain: float,
     fit: Directions | None,
@@ -214,7 +218,7 @@ def _exchange(
     """The two anchors that explain delays as well, and directions better, at each other's places; or None."""
     best, line = 0.0 if fit is None else fit.share, None
     for text, places in others.items():
-        own, half = Delays.of(samples, waveform, places), _half(waveform, places)
+        own, half = Delays.of(samples, waveform, places), half_width(waveform, places)
         share = own.share(places, half)
         if share < max(THERE, plain - 0.1):
             continue

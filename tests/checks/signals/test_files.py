@@ -166,7 +166,7 @@ def test_one_antenna_alone_cannot_tell_conjugation_from_falling_frequencies(tmp_
 
 def test_units_of_frequencies_and_folding_are_named(tmp_path):
     path = written(tmp_path / "z.h5", SCENES["one antenna"], frequency_hz=lambda f: 1e-6 * f)
-    assert any("rather than Hz" in line for line in suspects(path))
+    assert any("probably MHz, where Hz belong" in line for line in suspects(path))
     wide = sampled_scene([WALL], {"frequency_step_hz": 2.5e7}, steps=3)
     path = written(tmp_path / "y.h5", wide)
     assert suspects(path, wide) == []
