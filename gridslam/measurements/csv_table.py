@@ -22,6 +22,7 @@ from gridslam.io.files import write_bytes
 from gridslam.io.foreign import begins_as, refuse_foreign_text
 from gridslam.measurements.csv_cells import Marks, Names, is_number, number_of
 from gridslam.measurements.foreign_columns import angles_meant, meant_by
+from gridslam.measurements.ranged_in_turn import in_turn_words
 from gridslam.world.columns import (
     KEYS,
     ONE_AGENT,
@@ -122,7 +123,7 @@ def read_csv(
     if timed:
         times, columns["step"] = np.unique(columns["time_s"], return_inverse=True)
         note = f"{path}: no column step: {len(times)} steps, one for each time; a silent one isn't there"
-        warnings.warn(Note(note), stacklevel=2)
+        warnings.warn(Note(note + in_turn_words(columns)), stacklevel=2)
     columns = _in_our_units(columns, head.in_degrees)
     known, whose = tuple(names["anchor"].place), tuple(names["agent"].place)
     if not several and "agent" in columns and len(np.unique(columns.pop("agent"))) > 1:
