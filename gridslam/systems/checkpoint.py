@@ -46,6 +46,8 @@ def write_checkpoint(slam: Any, path: str | os.PathLike[str]) -> None:
             "identity": str(slam.now.identity),
             "origin_m": _origin_of(slam),
         }
+        if slam.now.number is not None:
+            attributes["number"] = int(slam.now.number)
         put_attributes(file.create_group("run"), attributes)
         put_value(file, "believed", slam.now.believed)
         put_value(file, "waveform", getattr(slam, "waveform", None))
@@ -85,7 +87,8 @@ def read_checkpoint(path: str | os.PathLike[str], system: Any) -> Any:
         slam.require_sound(believed, slam.model, f"{path}: /believed")
         slam.inherited = _read_inherited(file, slam.scene) if "inherited" in file else None
         slam.provenance, identity = _read_origin(known, str(path))
-        slam.now = slam.now._replace(believed=believed, identity=identity)
+        number = _read_number(known, str(path))
+        slam.now = slam.now._replace(believed=believed, identity=identity, number=number)
         return slam
 
 
@@ -116,6 +119,17 @@ def _read_origin(known: dict[str, Any], path: str) -> tuple[dict[str, list[Any]]
     if not re.fullmatch(r"[0-9a-f]{64} \d+ [0-9a-f]*", text):
         raise InputError(f"{path}: /run/identity", repr(text[:60]), "a checksum and a count")
     return provenance | parallel(provenance), Identity.parse(text)
+
+
+def _read_number(known: dict[str, Any], path: str) -> int | None:
+    """The number of the latest step; None before the first, and of files of earlier versions."""
+    if "number" not in known:
+        return None
+    try:
+        return int(str(known["number"]))
+    except ValueError:
+        found = repr(known["number"])[:60]
+        raise InputError(f"{path}: /run/number", found, "a whole number") from None
 
 
 def _require_alike(believed: Any, fresh: Any, path: str) -> None:

@@ -38,8 +38,7 @@ Believed = TypeVar("Believed")
 class Moment(NamedTuple):
     """Where a filter has got to: what it believes, which measurements led there, and the latest step.
 
-    `number` is that of the latest scan; None before the first, and of a checkpoint, which holds no more of it
-    than its time.
+    `number` is that of the latest scan; None before the first.
     """
 
     believed: Any

@@ -160,7 +160,8 @@ def check_columns(
     back = ~(later | same) & (np.arange(len(step)) > 0)
     if timed:
         refuse(back, "time_s", "times in rising order (sort the rows by time_s)")
-    refuse(back, "step", "steps in rising order")
+    again = " (a second recording? count its steps on, or give it a file of its own)"
+    refuse(back, "step", "steps in rising order" + again * bool((step[back][:1] == step[:1]).any()))
     refuse(later & (rise <= 0), "time_s", "times that rise strictly from step to step")
     refuse(same & (rise != 0), "time_s", "one time for all rows of a step")
     lowest = -1 if unlabelled else 0

@@ -171,7 +171,8 @@ def require_step(step: object, after: int | None = None) -> None:
     if not number.is_integer():
         raise InputError("scan: step", str(step), "a whole number")
     if after is not None and number < after:
-        raise InputError("scan: step", str(step), f"{after} or above, after the scan before")
+        allowed = f"{after} or above, after the scan before: steps of a later recording are counted on"
+        raise InputError("scan: step", str(step), allowed)
 
 
 def _doubtful(

@@ -144,6 +144,7 @@ def test_ranging_alone_is_a_table_of_four_columns(tmp_path):
         (f"{HEADER}\n0,0,A,,,,", ": line 2: distance_m", "at least one of"),
         (f"{HEADER}\n0,0,A,1,0,87.5,3", ": line 2: aoa_rad", "radians"),
         (f"{HEADER}\n1,0,A,1,0,0,3\n0,1,A,1,0,0,3", ": line 3: step", "rising order"),
+        (f"{HEADER}\n0,0,A,1,0,0,3\n1,1,A,1,0,0,3\n0,2,A,1,0,0,3", ": line 4: step", "second recording"),
         (f"{HEADER}\n{ROW}\n\n1,0.0,A,1,0,0,3", ": line 4: time_s", "rise strictly"),
         (f"{HEADER}\n{ROW}\n0,0.1,A,1,0,0,3", ": line 3: time_s", "one time"),
         (f'{HEADER}\n{ROW}\n0,0.0,"A,1,0,0,3', ": line 3", "CSV row"),

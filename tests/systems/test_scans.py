@@ -5,12 +5,14 @@ import tracemalloc
 from dataclasses import replace
 from functools import cache
 
+import h5py
 import numpy as np
 import pytest
 
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
 from gridslam.inference.management.poses import pose_fix
+from gridslam.io.hdf5_guard import seal
 from gridslam.systems.registry import METHODS, method_class
 
 SCENE = gs.Scene.load("room").with_filter(particles=128)
@@ -75,6 +77,35 @@ def test_a_scan_that_makes_no_sense_is_refused_and_changes_nothing(case):
         here = one.step(scan)
         np.testing.assert_array_equal(here.position_m, there.position_m)
         np.testing.assert_array_equal(here.covariance, there.covariance)
+
+
+def test_steps_that_go_back_are_refused_of_a_filter_that_was_saved_as_of_any(tmp_path):
+    """A second drive counts from 0 again, at later times: estimates of two steps would have one number."""
+    slam, path = gs.GridSlam(SCENE, seed=1), tmp_path / "c.h5"
+    slam.save(path)
+    gs.GridSlam.resume(path).step(SCANS[0])  # before the first there is none
+    for scan in SCANS[:3]:
+        slam.step(scan)
+    slam.save(path)
+    again = gs.GridSlam.resume(path)
+    with pytest.raises(gs.InputError, match=r"^scan: step: found 0; allowed: 2 or above.*counted on$"):
+        again.step(replace(SCANS[0], time_s=100.0))
+    np.testing.assert_array_equal(again.step(SCANS[3]).covariance, slam.step(SCANS[3]).covariance)
+
+
+def test_a_checkpoint_of_an_earlier_version_holds_no_number(tmp_path):
+    slam, path = gs.GridSlam(SCENE, seed=1), tmp_path / "c.h5"
+    slam.step(SCANS[2])
+    slam.save(path)
+    with h5py.File(path, "r+") as file:
+        del file["run"].attrs["number"]
+    path.write_bytes(path.read_bytes() + seal(path.read_bytes()))
+    gs.GridSlam.resume(path).step(replace(SCANS[0], time_s=100.0))
+    with h5py.File(path, "r+") as file:
+        file["run"].attrs["number"] = "two"
+    path.write_bytes(path.read_bytes() + seal(path.read_bytes()))
+    with pytest.raises(gs.InputError, match="/run/number: found 'two'; allowed: a whole number"):
+        gs.GridSlam.resume(path)
 
 
 def test_lists_will_do_for_columns():
