@@ -122,7 +122,7 @@ def draw_map(
         axes.plot(*track.position_m.T, color=BLUE, lw=1.8, label="estimated track", zorder=4)
     if truth is not None:
         style: dict[str, Any] = {"color": "k", "lw": 0.7, "ls": (0, (4, 2)), "zorder": 4}
-        axes.plot(*truth.position_m.T, label="true track", **style)
+        axes.plot(*truth.line_m().T, label="true track", **style)
     if track is not None:
         axes.plot(*track.position_m[0], "o", color=BLUE, mec="w", ms=5, label="start", zorder=5)
     rivals(axes, estimates)

@@ -171,7 +171,7 @@ def _draw(axes: Axes, scene: Scene, found: AgentFiles, now: Estimate, step: int)
     ends = shown.wall_segments().ends_m
     axes.add_collection(LineCollection(list(ends), colors=ORANGE, linewidths=3, alpha=0.6))
     if found.truth is not None:
-        axes.plot(*found.truth.position_m[: step + 1].T, color="k", lw=2, alpha=0.35)
+        axes.plot(*found.truth.line_m(now.time_s).T, color="k", lw=2, alpha=0.35)
     axes.plot(*found.trajectory.position_m[: step + 1].T, color=BLUE, lw=1)
     axes.set(xlim=scene.grid.x_m, ylim=scene.grid.y_m, aspect="equal", xlabel="x (m)", ylabel="y (m)")
     anchors(axes, scene, 5)

@@ -92,7 +92,7 @@ def draw_features(
         axes.plot(*piece.T, color="k", lw=1.2, label=None if number else "true walls")
     scatterers(axes, scene, "k")
     if truth is not None:
-        axes.plot(*truth.position_m.T, color="0.6", lw=2.4, label="true track")
+        axes.plot(*truth.line_m().T, color="0.6", lw=2.4, label="true track")
     axes.plot(*trajectory.position_m.T, color=GREEN, lw=1.0, label="estimated track")
     size = 4 + 8 * np.sqrt(features.variance / max(features.variance.max(initial=0), 1e-300))
     for row, whose in enumerate(features.anchor.tolist()):

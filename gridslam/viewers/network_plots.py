@@ -78,7 +78,7 @@ def draw_tracks(run: RunFiles, width: float = PAGE_IN) -> Figure:
         axes.plot(*found.trajectory.position_m.T, color=colour, lw=1.6, label=name)
         axes.plot(*found.trajectory.position_m[0], "o", color=colour, mec="w", ms=5)
         if found.truth is not None:
-            axes.plot(*found.truth.position_m.T, color="k", lw=0.7, ls=(0, (4, 2)))
+            axes.plot(*found.truth.line_m().T, color="k", lw=0.7, ls=(0, (4, 2)))
     if any(found.truth is not None for found in run.agents.values()):
         axes.plot([], [], color="k", lw=0.7, ls=(0, (4, 2)), label="true tracks")
     return _finished(figure, axes, run)

@@ -82,6 +82,7 @@ class RunView:
         self.first = self.step = 0
         """Steps before this agent's, and the one shown last, on the timeline."""
         self.last: dict[tuple[str, str], Array] = {}
+        self.seen_s: dict[str, float] = {}
         self.why: dict[str, str] = {}
         self.paths = "world/paths"
         stream.send_blueprint(self._layout(agents))
@@ -102,6 +103,7 @@ class RunView:
             self.stream.set_time("step", sequence=self.first)
             self.stream.log(f"world/{self.agent}/now", self.rr.Clear(recursive=True))
         self.agent, self.truth, self.last, self.why = agent, truth, {}, {}
+        self.seen_s = {}
         return self._watch
 
     def follow_all(
@@ -214,6 +216,13 @@ class RunView:
         truth = self.truth
         if truth is None or not truth.time_s[0] <= now.time_s <= truth.time_s[-1]:
             return
+        first, last = truth.holes().T
+        before = self.seen_s.get(self.agent, now.time_s)
+        if ((first < now.time_s) & (last > before)).any():  # no line across
+            self.last.pop((self.agent, "true_track"), None)
+        if truth.in_hole(np.array([now.time_s]))[0]:
+            return
+        self.seen_s[self.agent] = now.time_s
         there = np.array([np.interp(now.time_s, truth.time_s, axis) for axis in truth.position_m.T])
         facing = np.interp(now.time_s, truth.time_s, np.unwrap(truth.heading_rad))
         self._walk("true_track", there, 0.8, BLACK)

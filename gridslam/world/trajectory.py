@@ -175,6 +175,15 @@ class Trajectory:
             return known
         return np.concatenate([known, np.stack([self.time_s[:-1], self.time_s[1:]], -1)[long]])
 
+    def line_m(self, until_s: float = np.inf) -> Array:
+        """Positions (M, 2) m as a line is drawn, up to a time; NaN where `holes` break it."""
+        holes = self.holes()
+        time = np.concatenate([self.time_s, holes.mean(1)])
+        place = np.concatenate([self.position_m, np.full((len(holes), 2), np.nan)])
+        place[: len(self)][self.in_hole(self.time_s)] = np.nan
+        order = np.argsort(time, kind="stable")
+        return place[order][time[order] <= until_s]
+
     def in_hole(self, time_s: Array) -> NDArray[np.bool_]:
         """Whether times (N,) s lie within `holes`, (N,); at the ends of one there are poses."""
         first, last = self.holes().T

@@ -209,3 +209,13 @@ def test_pictures_of_many_cells_take_little_beside_the_map_itself():
     finally:
         tracemalloc.stop()
     assert peak / grid.observed.size < 60, "bytes a cell"
+
+
+def test_true_tracks_are_broken_at_holes(run):
+    """No straight line says where the agent went unseen."""
+    track = replace(run.trajectory, holes_s=np.array([run.trajectory.time_s[[0, 2]]]))
+    axes = draw_map(run.map, run.scene, run.trajectory, track).axes[0]
+    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    assert np.isnan(lines["true track"][1:-1]).all()
+    assert np.isfinite(lines["true track"][[0, -1]]).all()
+    assert np.isfinite(lines["estimated track"]).all()

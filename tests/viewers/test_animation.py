@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from map_samples import surfaces
+from run_samples import hall, some_measurements, some_run
 from tiny import TINY
 
 from gridslam.estimate_tables import SurfaceStretches
 from gridslam.maps.map import Map
 from gridslam.runs.run_files import AgentFiles
-from gridslam.viewers.animation import _stretches, animate
+from gridslam.viewers.animation import _draw, _figure, _stretches, animate
 from gridslam.world.scene import Scene
 
 
@@ -37,3 +38,18 @@ def test_a_film_that_is_stopped_before_its_first_frame_ends_as_it_was_stopped(tm
     with pytest.raises(KeyboardInterrupt):
         animate(scene, found, tmp_path / "film.gif")
     assert not list(tmp_path.iterdir())
+
+
+def test_true_tracks_are_broken_at_holes():
+    scene = hall()
+    run, track = some_run(scene, "agent1"), scene.track("agent1")
+    torn = replace(track, holes_s=np.array([track.time_s[[0, 2]]]))
+    found = AgentFiles(some_measurements(scene, "agent1"), run.trajectory, torn, run.estimates, run.map)
+    _, axes = _figure(scene)
+    last = len(run.estimates) - 1
+    _draw(axes, scene, found, run.estimates[last], last)
+    (drawn,) = [
+        line.get_xdata() for line in axes.lines if line.get_color() == "k" and line.get_alpha() == 0.35
+    ]
+    assert np.isnan(drawn).any()
+    assert np.isfinite(drawn[0])

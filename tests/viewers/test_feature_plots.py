@@ -70,6 +70,10 @@ def test_every_feature_has_a_mark_and_an_ellipse(screen):
     colors = [patch.get_edgecolor() for patch in axes.patches]
     assert colors[0] == colors[2] != colors[1]
     assert draw_features(scene, table.take([]), truth.trajectory, truth.trajectory).axes
+    torn = replace(truth.trajectory, holes_s=np.array([truth.trajectory.time_s[[20, 60]]]))
+    axes = draw_features(scene, table.take([]), truth.trajectory, torn).axes[0]
+    (drawn,) = [line.get_xdata() for line in axes.lines if line.get_label() == "true track"]
+    assert np.isnan(drawn).sum() == 40  # a line across the hole would be none of the track
 
 
 def test_a_method_without_surfaces_gets_no_panel_of_them(screen):

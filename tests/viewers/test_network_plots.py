@@ -38,3 +38,13 @@ def test_tracks_say_that_walls_without_cells_go_from_first_hit_to_last_or_are_wh
     assert named[0] - named[1] == {"surfaces found"}
     assert named[1] - named[0] == {"surfaces found, from first hit to last"}
     assert named[2] - named[0] == {"surfaces found, where they were hit"}
+
+
+def test_true_tracks_are_broken_at_holes():
+    scene = hall()
+    run, track = some_run(scene, "agent1"), scene.track("agent1")
+    torn = replace(track, holes_s=np.array([track.time_s[[0, 2]]]))
+    heard = some_measurements(scene, "agent1")
+    agent = AgentFiles(heard, run.trajectory, torn, run.estimates, run.map)
+    axes = draw_tracks(RunFiles(scene, {"method": "network"}, {"agent1": agent})).axes[0]
+    assert any(np.isnan(line.get_xdata()).any() for line in axes.lines if line.get_color() == "k")

@@ -5,6 +5,7 @@ import socket
 import sys
 from math import degrees
 from shutil import which
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from scene_samples import shortened
 import gridslam as gs
 from gridslam.runs.run_files import read_run
 from gridslam.viewers.rerun_target import open_stream
-from gridslam.viewers.rerun_view import ellipse
+from gridslam.viewers.rerun_view import RunView, ellipse
 
 STEPS, AGENTS = 12, 2
 
@@ -276,3 +277,24 @@ def test_several_agents_at_once_share_the_steps(rerun, say, no_figures, tmp_path
         pieces = np.array([row["strips"][0] for _, row in shown.rows[f"world/{name}/track"]])[..., :2]
         np.testing.assert_allclose(pieces[1:, 0], found.trajectory.position_m[:-1], atol=1e-5)
         assert list(shown.curve(f"error/{name}/position_cm")) == [0, 1]
+
+
+@pytest.mark.parametrize("heard_in_the_hole", [True, False])
+def test_a_true_track_is_broken_at_its_hole_and_has_no_errors_there(monkeypatch, heard_in_the_hole):
+    time = np.concatenate([np.arange(3.0), np.arange(20.0, 23.0)])
+    track = gs.Trajectory.of_poses(time, np.stack([time, 0 * time], -1))
+    logged = dict[str, list]()
+    view = RunView.__new__(RunView)
+    view.agent, view.truth, view.last, view.seen_s = "me", track, {}, {}
+    monkeypatch.setattr(view, "_curve", lambda name, value: logged.setdefault(name, []).append(value))
+    monkeypatch.setattr(
+        view,
+        "_lines",
+        lambda name, ends, *_: logged.setdefault(name, []).append(np.ravel(ends)[::2].tolist()),
+    )
+    for now in [*time[:3], *([8.0, 9.0] if heard_in_the_hole else []), *time[3:]]:
+        view._errors(SimpleNamespace(
+            time_s=now, position_m=np.array([now, 0.0]), covariance=np.eye(5), heading_rad=0.0
+        ))  # fmt: skip
+    assert logged["world/me/true_track"] == [[0, 0], [0, 1], [1, 2], [20, 20], [20, 21], [21, 22]]
+    assert len(logged["error/position_cm"]) == 6

@@ -279,6 +279,22 @@ def test_long_pauses_of_a_track_are_holes_also_between_steps_and_through_files(t
     assert every_two.at(np.arange(0, 18, 0.1)).holes_s is None
 
 
+def test_a_line_of_a_track_is_broken_at_its_holes():
+    time = np.concatenate([np.arange(0, 4, 0.1), np.arange(22, 26, 0.1)])
+    track = Trajectory.of_poses(time, np.stack([time, -time], -1))
+    for one in (track, track.at(np.arange(0.0, 25.9, 0.5)), track.at(np.array([3.0, 3.5, 23.0, 23.5]))):
+        line = one.line_m()
+        there = np.isfinite(line[:, 0])
+        assert not ((line[there, 0] > 3.95) & (line[there, 0] < 21.95)).any()
+        (first,) = np.flatnonzero(there[:-1] & ~there[1:])
+        assert there[: first + 1].all()
+        np.testing.assert_array_equal(line[there], one.position_m[~one.in_hole(one.time_s)])
+    assert len(track.line_m(2.05)) == 21
+    assert np.isfinite(track.line_m(3.95)).all()
+    whole = Trajectory.of_poses(time[:40], np.stack([time[:40]] * 2, -1))
+    np.testing.assert_array_equal(whole.line_m(), whole.position_m)
+
+
 def test_who_stands_unnoted_and_a_track_of_corners_have_no_holes():
     time = np.concatenate([np.arange(0, 40, 0.1), np.arange(60, 100, 0.1)])
     way = np.where(time < 60, time, time - 20.05)
