@@ -7,6 +7,7 @@ import numpy as np
 from gridslam.checks.anchors.misplaced import with_places
 from gridslam.checks.anchors.rivals import CERTAIN, both_measured, orders, range_cure, range_errors
 from gridslam.checks.columns import time_units
+from gridslam.checks.columns.gain_jumps import gain_jump
 from gridslam.checks.columns.loudness import loudness
 from gridslam.checks.columns.noise import noise
 from gridslam.checks.sights.fit import BLIND, FITTING, least_share, settled, tells_place
@@ -83,7 +84,7 @@ def misread(scene: Scene, agent: str, observations: Observations) -> list[str]:
     found += time_units.slow_times(table, sight, step_m=scene.agent(agent).step_m)
     found += time_units.fast_times(table, sight)
     if len(finite(table, "amplitude")) and sight.explained >= least_share(scene):
-        found += loudness(table["amplitude"], sight, scene)
+        found += gain_jump(table, scene, agent) or loudness(table["amplitude"], sight, scene)
     return [str(item) for item in found or noise(table, sight, scene)]
 
 

@@ -19,6 +19,7 @@ from gridslam.checks.anchors.rivals import (
     whole_cure,
 )
 from gridslam.checks.columns import elevations, time_units
+from gridslam.checks.columns.gain_jumps import gain_jump
 from gridslam.checks.columns.loudness import loudness
 from gridslam.checks.sights.fit import least_share, tells_place
 from gridslam.checks.sights.handovers import Ties
@@ -235,6 +236,8 @@ def _by_amplitudes(case: Case, account: Account) -> list[Suspicion]:
     if not measured or sight.explained < least_share(scene) or lost:
         return []
     angles = any(len(finite(asis, name)) for name in ANGLES)
+    if angles and not account.found and (jumped := gain_jump(asis, scene, case.agent)):
+        return jumped
     placed = angles and (bool(scene.walls) or tells_place(asis))
     loud = loudness(asis["amplitude"], sight, scene, placed)
     if "slant" not in account.kinds:
