@@ -138,6 +138,7 @@ def _concluded(
         observed: list[Observations] = [heard[run.agent] for run in runs]
     notes = [lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs)]
     notes.append(lambda: heading_notes(asked.world, runs, observed))
+    notes.append(lambda: drift_notes(asked.world, done))
     if asked.measurements is not None:
         notes += [
             lambda: truth_notes(asked.world, runs, observed),
@@ -159,6 +160,14 @@ def _concluded(
             clock_files(done.clocks, heard.clocks), _lines(whole), said, before, lacks,
         )  # fmt: skip
     return end, shown.is_set() or late.is_set()
+
+
+def drift_notes(world: Scene, done: NetworkRun) -> list[str]:
+    """Whose clocks drift though the scene lets them walk alone, or at which rates they are believed to go."""
+    from gridslam.runs.clock_drifts import drift_note
+
+    note = drift_note(world, done.clocks)
+    return [] if note is None else [note]
 
 
 def _network_observations(asked: Asked) -> tuple[NetworkMeasurements, NetworkTruth | None]:
