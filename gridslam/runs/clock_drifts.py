@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gridslam.arrays import Array
 from gridslam.runs.clock_track import ClockTrack
 from gridslam.world.clocks import NS
 from gridslam.world.network_scene import clock_model
@@ -46,7 +46,7 @@ def drift_note(scene: Scene, track: ClockTrack) -> str | None:
     )
 
 
-def _rates(track: ClockTrack, known: Array, walk_ns: float) -> dict[str, float]:
+def _rates(track: ClockTrack, known: NDArray[np.bool_], walk_ns: float) -> dict[str, float]:
     """Rates (ns/s) of devices that drift, by name: the surest of all stretches of the run.
 
     Parameters
