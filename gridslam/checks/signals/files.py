@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import gamma
 
 from gridslam.arrays import Array
 from gridslam.checks.signals.delays import Delays, delay_profile
@@ -153,7 +154,8 @@ def _usable_snapshots(raw: dict[str, Any], samples: Array) -> NDArray[np.bool_]:
 
 def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], waveform: Waveform) -> list[str]:
     """Strongest peak and its SNR, by anchor."""
-    lines = []
+    lines, antennas = list[str](), samples.shape[2] * samples.shape[3]
+    quiet = gamma.median(antennas) / antennas  # of noise whose power is summed over them, median over mean
     for anchor, name in enumerate(raw["anchors"]):
         own = np.flatnonzero(usable[:, anchor])[:MOST_PLACES]
         if not len(own):
@@ -161,7 +163,7 @@ def _levels(raw: dict[str, Any], samples: Array, usable: NDArray[np.bool_], wave
             continue
         profile = delay_profile(samples[own, anchor], waveform)
         peak, place = profile.max(-1), profile.argmax(-1) * waveform.folding_m / profile.shape[-1]
-        noise = np.median(profile, -1) / np.log(2)
+        noise = np.median(profile, -1) / quiet
         snr = 10 * np.log10(np.median(peak / np.maximum(noise, 1e-300)))
         share = usable[:, anchor].mean()
         spread = f"{place.min():.3g} to {place.max():.3g} m"

@@ -9,11 +9,12 @@ from signal_samples import C, sampled_scene, suspects
 
 import gridslam as gs
 from gridslam.checks.signals.directions import _wrapped_degrees
-from gridslam.checks.signals.files import describe_signal
+from gridslam.checks.signals.files import _levels, describe_signal
 from gridslam.errors import InputError
 from gridslam.io.hdf5_guard import seal
 from gridslam.measurements.signal_hdf5 import write_signal
 from gridslam.world.geometry import wrap
+from gridslam.world.waveform import Waveform
 
 SQUARE = {"rows": 2, "columns": 2, "spacing_wavelengths": 0.4}
 WALL = {"material": "concrete", "points_m": [[-6.0, 6.0], [6.0, 6.0]]}
@@ -239,6 +240,18 @@ def test_odd_content_is_described_or_refused_but_never_a_traceback(tmp_path, pla
         path.write_bytes(content + seal(content))
         for read in (describe_signal, gs.Recording.load, lambda path: describe_signal(path, scene)):
             assert str(path) in refused(read, path)
+
+
+@pytest.mark.parametrize("antennas", [1, 4, 25])
+def test_the_snr_of_the_strongest_peak_counts_all_antennas_and_no_antenna_twice(antennas):
+    """A path of 0 dB at each antenna, before the gain of 200 frequencies, in noise of power 1."""
+    draw, own = np.random.default_rng(antennas), 0.01 * np.tile(np.arange(antennas)[:, None], 2)
+    offsets = 1e6 * (np.arange(200) - 99.5)
+    waveform = Waveform(6e9, offsets, np.ones(200), own[None], np.zeros((1, 2)))
+    noise = draw.normal(size=(40, 1, antennas, 1, 200, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    samples = noise + np.exp(-2j * np.pi * waveform.offset_hz * 30.0 / C)
+    said = _levels({"anchors": ["A"]}, samples, np.ones((40, 1), bool), waveform)
+    assert float(re.search(r"strongest peak (\d+) dB", said[0])[1]) == 23
 
 
 def refused(read, path):
