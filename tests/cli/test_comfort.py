@@ -252,7 +252,7 @@ def test_what_is_wrong_with_measurements_is_named_below_the_table_of_a_run(say, 
     result = say(*run)
     names = "anchor: probably names exchanged: A is the scene's B, B is the scene's A"
     assert f"note: agent1: suspect: {names}" in result.out
-    assert "note: agent1: what was heard doesn't fit the true track: " in result.out
+    assert "note: agent1: the true track fits what was heard far better " in result.out
     notes = json.loads(Path("out/run.json").read_text())["notes"]
     told = [line.removeprefix("note: ") for line in result.out.splitlines() if line.startswith("note: ")]
     assert [line in told for line in notes] == [True] * 5, (
