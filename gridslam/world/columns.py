@@ -180,5 +180,6 @@ def check_columns(
         elif not (pseudo and name == "distance_m"):
             clocks = " (any, in a scene with [clocks])" if unlabelled and name == "distance_m" else ""
             refuse(bad, name, f"a number {BY_NAME[name].allowed}{clocks}")
-    empty = np.all([np.isnan(columns[name]) for name in VALUES if name in columns], axis=0)
-    refuse(empty, "distance_m", f"at least one of {', '.join(VALUES)} in each row")
+    there = [name for name in VALUES if name in columns]
+    empty = np.all([np.isnan(columns[name]) for name in there], axis=0)
+    refuse(empty, there[0], f"at least one of {', '.join(VALUES)} in each row")

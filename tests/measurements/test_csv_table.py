@@ -47,6 +47,15 @@ def test_csv_of_other_programs_is_read(tmp_path):
     assert np.isnan(table.amplitude[0])
 
 
+@pytest.mark.parametrize(("columns", "cells"), [("aoa_rad", ""), ("aod_deg,amplitude", ",")])
+def test_an_empty_row_of_a_table_without_distances_is_refused_by_what_it_has(tmp_path, columns, cells):
+    text = f"step,time_s,anchor,{columns}\n0,0,A,{cells}1\n1,1,A,{cells}\n"
+    (tmp_path / "a.csv").write_text(text)
+    named = columns.partition(",")[0]
+    with pytest.raises(InputError, match=f"line 3: {named}: found nan; allowed: at least one of distance_m"):
+        read_csv(tmp_path / "a.csv")
+
+
 def test_headers_in_other_letters_and_between_blanks_are_taken(tmp_path):
     header = " Step ,Time_s,ANCHOR,Distance_m,AoD_rad, AoA_Deg ,Amplitude,Distance_Std_m"
     (tmp_path / "a.csv").write_text(f"{header}\n0,0,A,3,0.5,90,9,0.1\n")
