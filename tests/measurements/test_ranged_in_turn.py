@@ -62,3 +62,21 @@ def test_devices_are_told_apart():
 def test_other_tables_are_left_in_peace(right):
     """Rounds at once, anchors one room after the other, an only one, unlabelled ones, a few rows."""
     assert in_turn_words(right) == ""
+
+
+def test_rounds_of_which_most_is_lost_are_left_in_peace():
+    """At every fourth time two anchors are heard, at the others one of both."""
+    time, anchor = np.arange(40.0), np.arange(40) % 2
+    both = np.arange(0, 40, 4)
+    order = np.argsort(np.concatenate([time, time[both]]), kind="stable")
+    rows = table(
+        *(
+            np.concatenate([all_, one])[order]
+            for all_, one in ((time, time[both]), (anchor, 1 - anchor[both]))
+        )
+    )
+    assert in_turn_words(rows) == ""
+
+
+def test_devices_that_are_heard_once_each_take_no_turns():
+    assert in_turn_words(table(np.zeros(40), np.arange(40) % 2, agent=np.arange(40))) == ""

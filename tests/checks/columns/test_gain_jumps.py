@@ -49,6 +49,21 @@ def test_one_anchor_that_becomes_fainter_is_no_gain():
     assert found(louder(lambda step, anchor: np.where((step >= 60) & (anchor == 0), 0.3, 1.0))) == []
 
 
+def test_two_anchors_that_change_at_once_by_other_factors_are_no_gain():
+    factor = np.array([2.0, 6.0])
+    assert found(louder(lambda step, anchor: np.where(step >= 60, factor[anchor], 1.0))) == []
+
+
+def test_an_only_anchor_tells_no_gain():
+    own = HEARD.anchor == 0
+    alone = replace(HEARD, **{name: values[own] for name, values in HEARD.columns.items()})
+    assert found(replace(alone, amplitude=alone.amplitude * np.where(alone.step >= 60, 2.0, 1.0))) == []
+
+
+def test_a_level_that_rises_over_many_looks_is_no_jump():
+    assert found(louder(lambda step, _: 2.0 ** np.clip((step - 60) / 14, 0, 1))) == []
+
+
 def test_a_short_while_of_loudness_at_the_end_is_not_judged():
     assert found(louder(lambda step, _: np.where(step >= 146, 3.0, 1.0))) == []
 

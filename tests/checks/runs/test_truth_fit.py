@@ -114,6 +114,16 @@ def test_a_faint_radio_is_no_misfit():
     assert truth_note(scene, "agent1", far) is not None
 
 
+def test_the_frame_of_a_track_is_named_where_most_lines_of_sight_go_unheard():
+    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    data["radio"]["snr_at_1m_db"] = 15.0
+    scene = gs.Scene.checked(data, "faint")
+    heard = gs.simulate(scene, "agent1", 1)
+    x, y = heard.truth.position_m.T
+    note = truth_note(scene, "agent1", placed(heard, y, x))
+    assert note.startswith("the true track fits what was heard far better with x and y exchanged")
+
+
 def test_steps_in_a_hole_of_the_track_are_not_judged():
     truth = HEARD.truth
     holes = np.array([[truth.time_s[5], truth.time_s[28]]])

@@ -71,6 +71,9 @@ def test_a_way_past_an_anchor_and_a_gain_that_stays_are_no_glitch():
     samples = noise()
     far = np.hypot(0.05, np.linspace(-3.0, 3.0, 30))
     assert faults(samples / far[:, None, None, None, None]) == []
+    near = noise()
+    near[11:14] *= np.array([20.0, 60.0, 20.0])[:, None, None, None, None]  # 36 dB, 10 above those beside it
+    assert faults(near) == []
     samples[24:] *= 1e3
     assert faults(samples) == []
     assert faults(noise((5, 2, 1, 1, 16)) * np.array([1, 1, 1e4, 1, 1])[:, None, None, None, None]) == []

@@ -30,3 +30,24 @@ def test_what_a_gate_shuts_out_is_born_in_no_system(system, gate, monkeypatch):
     assert any(asked)
     assert not len(shut.state.surfaces)
     assert not len(estimate.surfaces)
+
+
+def test_every_gate_is_told_which_anchors_may_bear_surfaces(monkeypatch):
+    told = []
+
+    def proposed(*given, work):
+        told.append(given[-1])
+        return "births", "ratios"
+
+    def apart(births, *given, work):
+        told.append(given[-1])
+        return births
+
+    monkeypatch.setattr(birth_gates, "propose_births", proposed)
+    monkeypatch.setattr(
+        birth_gates, "leave_sights", lambda births, state, scan, paths, ratios, radio: (births, ratios)
+    )
+    monkeypatch.setattr(birth_gates, "without_double_bounces", apart)
+    found = birth_gates.admitted_births(*[None] * 7, "senders", work=None)
+    assert found == ("births", "ratios")
+    assert told == ["senders", "senders"]
