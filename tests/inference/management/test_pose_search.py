@@ -1,6 +1,7 @@
 """Where one scan says that the agent may be, without any map."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,8 @@ from gridslam.inference.management.poses.pose_search import (
     APART_M,
     APART_RAD,
     PORTION,
+    Bounds,
+    _refined,
     best_apart,
     find_modes,
     line_of_sight_poses,
@@ -131,6 +134,34 @@ def test_places_are_proposed_by_lines_of_sight_and_walls_without_arrivals(scene,
     assert not len(none)
     np.testing.assert_allclose(told[:, 2], 0.4)
     assert np.hypot(*(told[:, :2] - track.position_m[0]).T).min() < 0.3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_mode_is_as_wide_as_an_exact_scan_leaves_it(seed):
+    """60 m from an anchor, lengths to 2 mm, directions to 0.1 degrees: the place lies on 0.1 m of a circle.
+
+    Half of the log likelihood is covered, so variances are twice those of the scan.
+    """
+    draw = np.random.default_rng(seed)
+    bearing, angle_std = draw.uniform(-np.pi, np.pi), np.radians(0.1)
+    place, along = 60.0 * unit(bearing), unit(bearing + 0.5 * np.pi)
+    heading = draw.uniform(-np.pi, np.pi)
+
+    def score(poses, widen=1.0):
+        gap = np.hypot(*poses[:, :2].T) - 60.0
+        departs = wrap(np.arctan2(*poses[:, 1::-1].T) - bearing)
+        arrives = wrap(departs - wrap(poses[:, 2] - heading))
+        std = widen * np.array([0.002, angle_std, angle_std])
+        return -0.5 * np.square(np.column_stack([gap, departs, arrives]) / std).sum(1)
+
+    started = np.array([[*(place + 0.15 * along), heading + 0.02]])
+    within = Bounds(np.array([-90.0, -90.0, heading - np.pi]), np.array([90.0, 90.0, heading + np.pi]))
+    pose, covariance, best = _refined(SimpleNamespace(score=score), within, started, draw)
+    assert best[0] > -2
+    spread = float(along @ covariance[0, :2, :2] @ along)
+    assert 0.6 < spread / (2 * (60.0 * angle_std) ** 2) < 1.6
+    gap = np.array([*(pose[0, :2] - place), wrap(pose[0, 2] - heading)])
+    assert gap @ np.linalg.solve(covariance[0], gap) < 2
 
 
 def test_poses_of_lines_of_sight_hear_what_was_heard(scene, first_scans):

@@ -32,7 +32,9 @@ APART_M, APART_RAD = 0.5, 0.25
 """Poses nearer than this are one candidate."""
 PORTION = 1024
 """Of the best poses that are looked through first; each further one is twice as large."""
-ROUNDS, SAMPLES, BROADER = 3, 400, 1.5
+ROUNDS, MOST_ROUNDS, SAMPLES, BROADER = 3, 10, 400, 1.5
+EFFECTIVE, LEAST_POWER = 20.0, 1e-3
+"""Samples that have to count for a Gaussian's covariance, as equal ones; power below which it is as it is."""
 BEHIND, SHORTLIST = 14.0, 22.0
 """Log-likelihood behind the best at which a mode is dropped, and a candidate with doubled deviations."""
 LEAST = np.array([0.01, 0.01, 0.005]) ** 2
@@ -284,29 +286,48 @@ def _still_finds(pose: Array, score: Array) -> bool:
 def _refined(
     likelihood: PoseLikelihood, within: Bounds, poses: Array, draw: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Means (K, 3), covariances (K, 3, 3) and best scores (K,) of the modes about poses (K, 3)."""
+    """Means (K, 3), covariances (K, 3, 3) and best scores (K,) of the modes about poses (K, 3).
+
+    By importance sampling from one Gaussian after the other, (M204): where a scan is exact against the width
+    of the first, a step takes in as much of it as leaves enough samples that count.
+    """
     count, first = len(poses), np.diag(np.array([0.5 * APART_M, 0.5 * APART_M, 0.5 * APART_RAD]) ** 2)
     mean, covariance, best = poses.copy(), np.tile(first, (count, 1, 1)), np.full(count, -np.inf)
-    normal = draw.standard_normal((count, ROUNDS, SAMPLES, 3))
-    normal[:, :, 0] = 0.0  # the mean itself
     live = np.arange(count)
-    for turn in range(ROUNDS):
-        root = np.linalg.cholesky(covariance[live])
-        fresh = mean[live, None] + normal[live, turn] @ root.transpose(0, 2, 1)
+    for turn in range(MOST_ROUNDS):
+        normal = draw.standard_normal((len(live), SAMPLES, 3))
+        normal[:, 0] = 0.0  # the mean itself
+        fresh = mean[live, None] + normal @ np.linalg.cholesky(covariance[live]).transpose(0, 2, 1)
         every = fresh.reshape(-1, 3)
         value = np.where(within.holds(every), likelihood.score(every, WIDEN if turn == 0 else 1.0), -np.inf)
         value = value.reshape(fresh.shape[:2])
         there = np.isfinite(value).any(1)
-        live, fresh, value = live[there], fresh[there], value[there]
-        log = (1.0 if turn == 0 else COVER) * value + 0.5 * (normal[live, turn] ** 2).sum(-1)
-        weight = np.exp(log - log.max(1, keepdims=True))
-        weight /= weight.sum(1, keepdims=True)
+        live, fresh, value, normal = live[there], fresh[there], value[there], normal[there]
+        if not len(live):
+            break
+        weight, whole = _tempered((1.0 if turn == 0 else COVER) * value + 0.5 * (normal**2).sum(-1))
         mean[live] = (weight[:, None] @ fresh)[:, 0]
         gap = fresh - mean[live, None]
         covariance[live] = (weight[..., None] * gap).transpose(0, 2, 1) @ gap + np.diag(LEAST)
         if turn:
             best[live] = np.maximum(best[live], value.max(1))
-        if turn < ROUNDS - 1:
+        live = live[~whole] if turn >= ROUNDS - 1 else live
+        if turn < MOST_ROUNDS - 1:
             covariance[live] *= BROADER
     mean[:, 2] = wrap(mean[:, 2])
     return mean, covariance, best
+
+
+def _tempered(log: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Weights (K, N) of samples of such log ratios, and whose ratios weren't taken to a power below 1.
+
+    The power leaves samples that count for `EFFECTIVE` equal ones at least, so that their covariance is one.
+    """
+    power = np.ones((len(log), 1))
+    while True:
+        weight = np.exp(power * (log - log.max(1, keepdims=True)))
+        weight /= weight.sum(1, keepdims=True)
+        few = 1 / np.square(weight).sum(1) < EFFECTIVE
+        if not few.any() or power.min() < LEAST_POWER:
+            return weight, power[:, 0] == 1
+        power[few] *= 0.6
