@@ -19,7 +19,7 @@ from gridslam.inference.health.doubt import ONE_ALONE, Doubt
 from gridslam.inference.health.monitor import SILENT, SWAMPED
 from gridslam.inference.management.branching import branches_of
 from gridslam.inference.management.free_turn import ANY
-from gridslam.inference.management.mixture import poses, together
+from gridslam.inference.management.mixture import together
 from gridslam.inference.management.poses.one_mirror import added_by_mirror, shown_by_mirror
 from gridslam.inference.management.poses.pose_fix import Sources, known_sources
 from gridslam.inference.management.poses.pose_recovery import crowd, freed, leap
@@ -37,7 +37,7 @@ from gridslam.inference.scans.anchor_measurements import AnchorScan, SplitScan, 
 from gridslam.inference.state.population import Population
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
-from gridslam.world.filter_model import FilterModel
+from gridslam.world.filter_model import FilterModel, fixed
 from gridslam.world.geometry import wrap
 from gridslam.world.scan import Scan
 
@@ -51,8 +51,9 @@ WITHOUT_AMPLITUDE = 0.6
 """Of a loud measurement, what one without amplitude counts for that isn't clutter."""
 FIRST_STEPS = 60
 """Steps at which a start is rather told wrong than mirrored, where no heading tells the two apart."""
-HERE_M, HERE_RAD = 0.1, 0.1
-"""What is nearer to where the agent is believed to be is no other place."""
+HERE_M, HERE_RAD, HERE, HERE_SQUARED = 0.1, 0.1, fixed(np.diag([0.03, 0.03, 0.02]) ** 2), 9.0
+"""What is nearer to where the agent is believed to be is no other place, nor is what is so few squared
+deviations from there, with so much added to their covariance."""
 TRIAL = 20
 """Steps that a challenger of a place that is called wrong has to map what is heard."""
 
@@ -83,19 +84,27 @@ class Comparison(NamedTuple):
     mirrored: float = 0.0
 
 
-def compare_poses(likelihood: PoseLikelihood, believed: Array, draw: np.random.Generator) -> Comparison:
-    """What one scan alone says of the believed pose (3,), and of others: lines of sight are tried."""
+def compare_poses(
+    likelihood: PoseLikelihood, believed: Array, covariance: Array, draw: np.random.Generator
+) -> Comparison:
+    """What one scan alone says of the believed pose (3,), and of others: lines of sight are tried.
+
+    What is within the covariance (3, 3) of the believed pose is no other one.
+    """
     facing = None if likelihood.tells_heading else float(believed[2])
     asked = (line_of_sight_poses(terms, draw, COPIES, 24, facing) for terms in likelihood.terms)
-    poses = np.concatenate([believed[None], *asked])
+    near_by = draw.multivariate_normal(believed, covariance, DRAWN, method="eigh")
+    poses = np.concatenate([believed[None], near_by, *asked])
     log = likelihood.score(poses, 2.0)
-    top = poses[int(log.argmax())]
-    refined_poses, scores = refined(likelihood, np.array([believed, top]), draw)
+    likeliest, top = poses[int(log[: 1 + DRAWN].argmax())], poses[int(log.argmax())]
+    refined_poses, scores = refined(likelihood, np.array([likeliest, top]), draw)
     here, there = scores.tolist()
     best = max(here, there)
-    x, y, turn = top - believed
-    # beside an anchor a few millimetres decide, which looks about the believed pose miss
-    if np.hypot(x, y) < HERE_M and abs(wrap(turn)) < HERE_RAD:
+    gap = top - believed
+    gap[2] = wrap(gap[2])
+    # where a scan is exact a few millimetres decide, which looks about the believed pose miss
+    beside = np.hypot(*gap[:2]) < HERE_M and abs(gap[2]) < HERE_RAD
+    if beside or gap @ np.linalg.solve(covariance + HERE, gap) < HERE_SQUARED:
         return Comparison(best, best)
     other = refined_poses[1]
     each = np.array([terms.score(other[None], 1.0)[0] for terms in likelihood.terms])
@@ -147,7 +156,8 @@ def _compared(
     if not (compares or watch.unproven):
         return watch
     draw = np.random.default_rng([work.seed, state.step, LEAD])
-    found = compare_poses(pose_likelihood(scans, state, model), state.belief.mean[POSE], draw)
+    belief, likelihood = state.belief, pose_likelihood(scans, state, model)
+    found = compare_poses(likelihood, belief.mean[POSE], belief.covariance[OF_POSE], draw)
     if not scans.arrives and state.step <= FIRST_STEPS:  # a mirror may show all, and no wrong start be found
         found = found._replace(mirrored=0.0)
     if watch.unproven:
@@ -203,13 +213,13 @@ def challenged(
         next_identity=state.next_identity, turn_variance=None if state.turn_variance is None else ANY,
         turn_anchor=state.turn_anchor, sight_nats=state.sight_nats,
     )  # fmt: skip
-    rivals = branches_of(blank, leading(modes, alone, population), velocity)
+    led = [_led(one, scan.time_s, model) for one in population.states]
+    rivals = branches_of(blank, leading(modes, alone, led, population.watch), velocity)
     if len(state.surfaces):
         mapped = pose_likelihood(scans, state, model, known_sources(state, model, work=work))
         modes = find_modes(mapped, anywhere(state, model), model.grid, LISTED, stream, POSES_BY_MAP)
-        rivals += branches_of(state, leading(modes, mapped, population), velocity)
-    states = [*population.states, *rivals]
-    here = together(states)[len(population) :, : len(population)].any(1)
+        rivals += branches_of(state, leading(modes, mapped, led, population.watch), velocity)
+    here = together([*led, *(rival.belief for rival in rivals)])[len(led) :, : len(led)].any(1)
     rivals = [_leapt(rivals[k], population.states, scan, model) for k in np.flatnonzero(~here)]
     if not rivals:
         return population
@@ -227,6 +237,12 @@ def on_trial(log_weight: Array, states: Sequence[State]) -> Array:
     least = float(log_weight.max()) - HANDICAP
     trials = np.array([state.monitor.trial > 0 for state in states])
     return np.where(trials, np.maximum(log_weight, least), log_weight)
+
+
+def _led(state: State, time_s: float, model: FilterModel) -> Belief:
+    """The agent of a state, led to the time of a scan."""
+    elapsed = 0.0 if state.time_s is None else time_s - state.time_s
+    return predict_agent(state.belief, elapsed, model.settings)
 
 
 def _leapt(rival: State, states: Sequence[State], scan: Scan, model: FilterModel) -> State:
@@ -247,12 +263,17 @@ def anywhere(state: State, model: FilterModel) -> Belief:
     return replace(state.belief, mean=mean, covariance=spread)
 
 
-def leading(modes: Modes, likelihood: PoseLikelihood, population: Population[State]) -> Modes:
+def leading(modes: Modes, likelihood: PoseLikelihood, led: Sequence[Belief], watch: Doubt) -> Modes:
     """The few modes of a complete list that explain the scan better than all present hypotheses do.
 
     Once these are called wrong, all modes of an incomplete list that do so beyond what one measurement says.
+
+    Parameters
+    ----------
+    led : sequence of Belief
+        The agents of the hypotheses, led to the time of the scan.
     """
-    gain = modes.score - float(likelihood.score(poses(population)).max())
+    gain = modes.score - float(likelihood.score(np.array([belief.mean[POSE] for belief in led])).max())
     if modes.complete:
         return modes.take(np.flatnonzero(gain > 0)[:CHALLENGERS])
-    return modes.take(np.flatnonzero((gain > ONE_ALONE) & bool(population.watch.against())))
+    return modes.take(np.flatnonzero((gain > ONE_ALONE) & bool(watch.against())))

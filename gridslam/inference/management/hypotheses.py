@@ -135,10 +135,10 @@ def _advanced(
         if modes is None or not (modes.complete or waited >= PATIENCE):
             return still_searching(population, prior, len(scan) > 0, model, work)
         population = _started(replace(population.best, belief=prior.belief), modes, model)
-    if population.watch.doubtful:
-        population = challenged(population, scan, start(model), model, work)
     work.recovers = True
     population = _listed(population, scan, model, work)
+    if population.watch.doubtful:
+        population = challenged(population, scan, start(model), model, work)
     population = _split(population, scan, model)
     return _stepped(population, scan, model, work, step)
 
@@ -290,7 +290,9 @@ def _doubted(
 def _judged(population: Population[State], info: StepInfo, model: FilterModel) -> StepInfo:
     """What happened at a step, with what there is to say of all hypotheses."""
     found = [info.health.why] if info.health.why else []
-    several = places(population.log_weight, lambda rows: together([population.states[k] for k in rows]))
+    several = places(
+        population.log_weight, lambda rows: together([population.states[k].belief for k in rows])
+    )
     if several > 1:
         found.append(reasons.several_places(several))
     found += population.watch.reasons()

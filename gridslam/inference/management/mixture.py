@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gridslam.arrays import Array
+from gridslam.inference.beliefs.belief import Belief
 from gridslam.inference.beliefs.layout import AGENT, HEADING, OF_POSE, POSE
 from gridslam.inference.state.arrangement import arranged, unparked
 from gridslam.inference.state.population import Population, moments
@@ -45,7 +46,7 @@ def merged(population: Population[State], model: FilterModel) -> Population[Stat
             return one
         return moment_matched(one, other, log_one, log_other)
 
-    return population.merged(same, together(population.states), join)
+    return population.merged(same, together([state.belief for state in population.states]), join)
 
 
 def poses(population: Population[State]) -> Array:
@@ -65,10 +66,10 @@ def agent_moments(population: Population[State]) -> tuple[Array, Array]:
     return moments(population.weights, means, own)
 
 
-def together(states: Sequence[State]) -> NDArray[np.bool_]:
-    """Which agents (K, K) are within `TOGETHER` squared pooled deviations of each other."""
-    pose = np.array([state.belief.mean[POSE] for state in states])
-    spread = np.array([state.belief.covariance[OF_POSE] for state in states])
+def together(beliefs: Sequence[Belief]) -> NDArray[np.bool_]:
+    """Which agents (K, K) are within `TOGETHER` squared pooled deviations of each other, of K beliefs."""
+    pose = np.array([belief.mean[POSE] for belief in beliefs])
+    spread = np.array([belief.covariance[OF_POSE] for belief in beliefs])
     gap = pose[:, None] - pose[None]
     gap[..., 2] = wrap(gap[..., 2])
     pooled = 0.5 * (spread[:, None] + spread[None]) + np.diag(SLACK)

@@ -8,7 +8,7 @@ import pytest
 from scene_samples import shortened
 
 import gridslam as gs
-from gridslam.inference.beliefs.layout import POSE
+from gridslam.inference.beliefs.layout import HEADING, POSE
 from gridslam.inference.health.doubt import (
     ASKED_EVIDENCE,
     DOUBT_STEPS,
@@ -44,6 +44,9 @@ from gridslam.world.start import Start
 
 NAMES = ("anchor", "distance_m", "aod_rad", "aoa_rad", "amplitude")
 
+SURE = np.diag([1e-4, 1e-4, 1e-4])
+"""Covariance of a pose that is known to a centimetre and half a degree."""
+
 
 @pytest.fixture(scope="module")
 def scene():
@@ -78,11 +81,11 @@ def test_the_best_pose_scores_about_what_the_true_pose_scores(scene, scans):
         true = np.array([*track.position_m[step], track.heading_rad[step]])
         far = np.array([3.0, 2.5, 2.0])
         score = likelihood.score(np.stack([true, far]))
-        best, there, _ = compare_poses(likelihood, far, np.random.default_rng(1))
+        best, there, _ = compare_poses(likelihood, far, SURE, np.random.default_rng(1))
         assert best - there > 30
         assert score[1] < score[0] - 30
         assert score[0] - 4 < best < score[0] + 20
-        best, here, _ = compare_poses(likelihood, true, np.random.default_rng(1))
+        best, here, _ = compare_poses(likelihood, true, SURE, np.random.default_rng(1))
         assert here >= score[0]
         assert best - here < 1
 
@@ -91,7 +94,7 @@ def test_a_right_world_leads_a_fresh_start_and_is_well(mapped, scans):
     slam, leads = mapped
     split, believed = split_by_anchor(scans[19], slam.model), slam.state.belief.mean[POSE]
     best, here, _ = compare_poses(
-        pose_likelihood(split, slam.state, slam.model), believed, np.random.default_rng(1)
+        pose_likelihood(split, slam.state, slam.model), believed, SURE, np.random.default_rng(1)
     )
     assert slam.info.log_evidence > best + 1.5 * LOW_LEAD * loud_of(split, slam.model)
     assert best == here
@@ -200,6 +203,40 @@ def test_an_agent_that_is_surely_elsewhere_is_challenged_and_found(mapped, scene
     assert len(after.state.surfaces) >= 4
 
 
+def test_an_agent_is_challenged_where_its_motion_leads_not_where_it_was(mapped, scene, scans):
+    """One that goes 0.8 m a step: where a scan finds it is no other place than the believed one."""
+    slam, _ = mapped
+    track, way = scene.track("agent1"), np.array([0.8, 0.0])
+    true = np.array([*track.position_m[20], track.heading_rad[20]])
+    before = moved(slam.state, true[:2] - way - slam.state.belief.mean[:2])
+    before.belief.mean[HEADING] = true[2]
+    before.belief.mean[2:4] = way / (scans[20].time_s - before.time_s)
+    doubted = Population((before,), watch=Doubt(doubtful=DOUBT_STEPS))
+    several = challenged(doubted, scans[20], start(slam.model), slam.model, slam.work)
+    assert (np.linalg.norm(poses(several)[1:, :2] - true[:2], axis=1) > 0.5).all()
+    standing = moved(slam.state, true[:2] - way - slam.state.belief.mean[:2])
+    standing = replace(doubted, states=(standing,))
+    several = challenged(standing, scans[20], start(slam.model), slam.model, slam.work)
+    assert (np.linalg.norm(poses(several)[1:, :2] - true[:2], axis=1) < 0.3).any()
+
+
+def test_what_the_belief_allows_for_is_no_other_place(mapped, scene, scans):
+    """A metre along the circle about an anchor that hears the agent alone, and as much as that claimed."""
+    slam, _ = mapped
+    one = split_by_anchor(scans[20], slam.model)[:1]
+    likelihood, track = pose_likelihood(one, slam.state, slam.model), scene.track("agent1")
+    place, true = one[0].position, track.position_m[20]
+    away, turn = true - place, 1.0 / np.hypot(*(true - place))
+    along = np.array([-away[1], away[0]]) / np.hypot(*away)
+    root = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    believed = np.array([*(place + root @ away), track.heading_rad[20] + turn])
+    wide = SURE + np.outer([*along, turn], [*along, turn])
+    best, here, _ = compare_poses(likelihood, believed, SURE, np.random.default_rng(1))
+    assert best - here > 5
+    best, here, _ = compare_poses(likelihood, believed, wide, np.random.default_rng(1))
+    assert best == here
+
+
 def test_places_on_trial_fall_no_further_behind_than_they_began(mapped):
     state = mapped[0].state
     tried = replace(state, monitor=replace(state.monitor, trial=1))
@@ -238,12 +275,13 @@ def test_a_list_that_lacks_places_challenges_only_what_is_called_wrong(mapped):
     score = np.array([40.0, 39.0, 38.0, 37.0, ONE_ALONE - 1, -5.0])
     modes = Modes(np.zeros((6, 3)), np.tile(np.eye(3), (6, 1, 1)), np.zeros(6), score, complete=False)
     likelihood = SimpleNamespace(score=lambda poses: np.zeros(len(poses)))
-    calm = Population((mapped[0].state,))
-    called = replace(calm, watch=Doubt(elsewhere=ELSEWHERE + 1))
-    assert not len(leading(modes, likelihood, calm))
-    assert leading(modes, likelihood, called).score.tolist() == score[:4].tolist()
+    led = [mapped[0].state.belief]
+    assert not len(leading(modes, likelihood, led, Doubt()))
+    assert (
+        leading(modes, likelihood, led, Doubt(elsewhere=ELSEWHERE + 1)).score.tolist() == score[:4].tolist()
+    )
     whole = replace(modes, complete=True)
-    assert leading(whole, likelihood, calm).score.tolist() == score[:3].tolist()
+    assert leading(whole, likelihood, led, Doubt()).score.tolist() == score[:3].tolist()
 
 
 def test_an_agent_out_of_sight_is_found_by_the_map_where_a_scan_alone_fits_too_many_places(mapped, scene):
@@ -293,7 +331,7 @@ def test_what_one_mirror_shows_of_two_anchors_is_told_from_lines_of_sight(mapped
     leaving = wrap(back + np.pi - slam.model.places[:2, 2])
     heard = gs.Scan(40, 40.0, np.arange(2), distance, leaving, wrap(back - heading), np.full(2, np.nan))
     likelihood = pose_likelihood(split_by_anchor(heard, slam.model), slam.state, slam.model)
-    best, here, added = compare_poses(likelihood, believed, np.random.default_rng(1))
+    best, here, added = compare_poses(likelihood, believed, SURE, np.random.default_rng(1))
     assert best - here > 18
     assert (added > 8) == mirrored
     assert bool(Doubt().compared(1e3, best, here, added, 2.0).elsewhere) != mirrored

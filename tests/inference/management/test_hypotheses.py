@@ -127,7 +127,7 @@ def test_two_places_are_told_and_evidence_decides_between_them(scene, scans):
     slam, track = branched(scene, scans), scene.track("agent1")
     population = slam.population
     states, log = population.states, population.log_weight
-    assert places(log, lambda rows: mixture.together([states[k] for k in rows])) == 2
+    assert places(log, lambda rows: mixture.together([states[k].belief for k in rows])) == 2
     before = slam.population
     estimate = slam.step(scans[3])
     assert slam.population.weights[0] > 0.9

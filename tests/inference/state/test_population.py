@@ -34,7 +34,7 @@ def random_state(draw, surfaces=2, spread=0.5):
 def places_of(population):
     """How many places the agent may be at."""
     states = population.states
-    return places(population.log_weight, lambda rows: together([states[k] for k in rows]))
+    return places(population.log_weight, lambda rows: together([states[k].belief for k in rows]))
 
 
 def mixture(parts):

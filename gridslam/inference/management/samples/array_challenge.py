@@ -69,7 +69,7 @@ def challenged(
     over = mapped(paths, scan, prior, model, work=work)
     draw = np.random.default_rng([work.seed, state.step, ARRAY_LEAD])
     pose = prior.belief.mean[POSE]
-    best, here, mirrored = compare_poses(paths, pose, draw)
+    best, here, mirrored = compare_poses(paths, pose, prior.belief.covariance[OF_POSE], draw)
     here = max(here, float(refined(over, pose[None], draw)[1][0]))
     watch = watch.scored(best, here, mirrored)
     if watch.against():
