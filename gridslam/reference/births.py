@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gridslam.arrays import Array
+from gridslam.arrays import Array, replace
 from gridslam.inference.beliefs.belief import Belief, give_birth, update
 from gridslam.inference.beliefs.layout import AGENT, POSE, StateLayout
 from gridslam.kernels import FAINTEST
 from gridslam.reference.cells import cells_of
-from gridslam.reference.gaussian import RISE, clocked, late, tall
+from gridslam.reference.gaussian import RISE, bend_of_bounce, clocked, late, tall
 from gridslam.reference.messages import clutter, deviations, log_rician
 from gridslam.reference.paths import lines_of
 from gridslam.world.geometry import course, lean, level_of, line_between, mirror, trace, unit, wrap
@@ -234,4 +234,12 @@ def initialise_surface(
     missed = abs(scan[m, 0] - late_by - path.distance[0]) / std[0]
     angle = path.arrival[0] - fresh.mean[4] if arrives else path.departure[0] - facing
     missed = max(missed, abs(wrap(scan[m, seen] - angle)) / std[seen])
+    if known < 0:
+        line, short = np.arange(size, size + 2), scan[m, 0] - late_by - path.distance[0]
+        mean, covariance = fresh.mean.copy(), fresh.covariance.copy()
+        tilt = float(tall(mean, head, anchor, places))
+        bent, bend = bend_of_bounce(mean, covariance, line, place, tilt)
+        mean[line] += derivative[:, 3] * (short - bent[0])
+        covariance[np.ix_(line, line)] += bend[0, 0] * np.outer(derivative[:, 3], derivative[:, 3])
+        fresh = replace(fresh, mean=mean, covariance=covariance)
     return fresh.mean, fresh.covariance, density / density.sum(), float(missed)

@@ -7,7 +7,7 @@ from gridslam.kernels.management.births import known_std
 from gridslam.kernels.management.new_lines import known_line, likeliest_arrival, line_at
 from gridslam.kernels.primitives.blocks import Anchors, Belief, Newborn
 from gridslam.kernels.primitives.functions import decay_of, level_of, wrapped
-from gridslam.kernels.primitives.gaussian import entry_of, path_of
+from gridslam.kernels.primitives.gaussian import OF_BOUNCE, bend_of_bounce, entry_of, path_of
 from gridslam.kernels.primitives.launching import quick
 from gridslam.kernels.primitives.layout import (
     ABOVE,
@@ -148,6 +148,28 @@ def move_line(mean: ti.template(), size, by):
 
 
 @ti.func
+def allow_for_bend(mean: ti.template(), covariance: ti.template(), head, place, measured, slope):
+    """What derivatives leave out of a new line's own single bounce, docs/model.md, (M577).
+
+    The line is moved until its path is as long as measured, which tells its length that much less exactly.
+    """
+    newest = lines_in(head, mean.shape[0]) - 1
+    value, by_state = path_of(mean, head, place, 1, newest, newest)
+    entry, block = entry_of(head, 1, newest, newest), ti.Matrix.zero(ti.f64, 4, 4)
+    for i in ti.static(range(4)):
+        for j in ti.static(range(4)):
+            block[i, j] = covariance[entry[OF_BOUNCE[i]], entry[OF_BOUNCE[j]]]
+    angle, offset = mean[entry[3]], mean[entry[4]]
+    bent, bend = bend_of_bounce(by_state, value[0] - place[LATE], place, angle, offset, block)
+    for r in ti.static(range(2)):
+        before = mean[entry[3 + r]]
+        mean[entry[3 + r]] = before + slope[r, 3] * (measured - value[0] - bent[0])
+        for q in ti.static(range(2)):
+            so_far = covariance[entry[3 + r], entry[3 + q]]
+            covariance[entry[3 + r], entry[3 + q]] = so_far + slope[r, 3] * slope[q, 3] * bend[0, 0]
+
+
+@ti.func
 def believe_coefficient(coefficient: ti.template(), amplitude, full, samples):
     """Belief over the new line's coefficient by its path's amplitude alone, which is `full` where it is 1."""
     total = ti.f64(0.0)
@@ -219,9 +241,11 @@ def initialise_surface(
                 out.fresh, out.joint, head, out.spread, scan[m, AOD], std[1], place, bounces, *ends, back
             )  # fmt: skip
         move_line(out.fresh, size, back)
+        place = anchor_of(anchors.places, out.fresh, head, anchor)
         out.missed[0] = unexplained(
-            out.fresh, head, anchor_of(anchors.places, out.fresh, head, anchor), bounces, *ends, scan,
-            m, std, (2 if arrives else 1),
+            out.fresh, head, place, bounces, *ends, scan, m, std, (2 if arrives else 1)
         )  # fmt: skip
+        if surface < 0:
+            allow_for_bend(out.fresh, out.joint, head, place, scan[m, DISTANCE], slope)
         full = lossless * (1.0 if surface < 0 else USUAL_REFLECTION)
         believe_coefficient(out.coefficient, scan[m, AMPLITUDE], full, anchors.radio[anchor, SAMPLES])
