@@ -164,6 +164,30 @@ def test_a_mode_is_as_wide_as_an_exact_scan_leaves_it(seed):
     assert gap @ np.linalg.solve(covariance[0], gap) < 2
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_narrow_mode_is_not_lost_in_what_all_poses_about_it_share(seed):
+    """1 cm and 0.3 degrees wide, 30 nats above a plateau of 0.4 m, as where measurements may be clutter.
+
+    Powers of it, about which a Gaussian of the plateau has samples enough, ended 0.2 m off and as wide.
+    """
+    true, std = np.array([3.0, 2.0, 0.5]), np.array([0.01, 0.01, 0.005])
+
+    def score(poses, widen=1.0):
+        gap = (poses - true) / (widen * std)
+        gap[:, 2] = wrap(poses[:, 2] - true[2]) / (widen * std[2])
+        peak = -0.5 * np.square(gap).sum(1)
+        return np.logaddexp(peak, -30.0 - 0.5 * np.square(gap / 40).sum(1))
+
+    started = true[None] + np.array([[0.03, -0.02, 0.01]])
+    within = Bounds(np.array([-9.0, -9.0, -np.pi]), np.array([9.0, 9.0, np.pi]))
+    pose, covariance, best = _refined(
+        SimpleNamespace(score=score), within, started, np.random.default_rng(seed)
+    )
+    assert best[0] > -3
+    np.testing.assert_allclose(pose[0], true, atol=0.01)
+    assert np.trace(covariance[0, :2, :2]) < 2 * 2 * (2 * std[0] ** 2 + 1e-4)
+
+
 def test_poses_of_lines_of_sight_hear_what_was_heard(scene, first_scans):
     model = scene.filter_model("agent1")
     likelihood, scans = pose_likelihood(first_scans[0], model)

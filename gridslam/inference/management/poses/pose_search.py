@@ -32,7 +32,7 @@ APART_M, APART_RAD = 0.5, 0.25
 """Poses nearer than this are one candidate."""
 PORTION = 1024
 """Of the best poses that are looked through first; each further one is twice as large."""
-ROUNDS, MOST_ROUNDS, SAMPLES, BROADER = 3, 10, 400, 1.5
+ROUNDS, MOST_ROUNDS, SAMPLES, BROADER = 3, 7, 400, 1.5
 EFFECTIVE, LEAST_POWER = 20.0, 1e-3
 """Samples that have to count for a Gaussian's covariance, as equal ones; power below which it is as it is."""
 BEHIND, SHORTLIST = 14.0, 22.0
@@ -289,12 +289,29 @@ def _refined(
     """Means (K, 3), covariances (K, 3, 3) and best scores (K,) of the modes about poses (K, 3).
 
     By importance sampling from one Gaussian after the other, (M204): where a scan is exact against the width
-    of the first, a step takes in as much of it as leaves enough samples that count.
+    of the first, a step takes in as much of it as leaves enough samples that count. Where that ends on what
+    all poses about a narrow mode share, as each measurement may be clutter, all of the scan is taken at once.
+    """
+    mean, covariance, best, settled = _sampled(likelihood, within, poses, draw, MOST_ROUNDS)
+    (rest,) = (~settled).nonzero()
+    mean[rest], covariance[rest], best[rest], _ = _sampled(likelihood, within, poses[rest], draw, ROUNDS)
+    mean[:, 2] = wrap(mean[:, 2])
+    return mean, covariance, best
+
+
+def _sampled(
+    likelihood: PoseLikelihood, within: Bounds, poses: Array, draw: np.random.Generator, rounds: int
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """As `_refined`, and whether a Gaussian is where the scan is about as likely as at its best pose, (K,).
+
+    Ratios are taken to powers if there are more than `ROUNDS` rounds at most.
     """
     count, first = len(poses), np.diag(np.array([0.5 * APART_M, 0.5 * APART_M, 0.5 * APART_RAD]) ** 2)
     mean, covariance, best = poses.copy(), np.tile(first, (count, 1, 1)), np.full(count, -np.inf)
-    live = np.arange(count)
-    for turn in range(MOST_ROUNDS):
+    live, settled = np.arange(count), np.ones(count, bool)
+    for turn in range(rounds):
+        if not len(live):
+            break
         normal = draw.standard_normal((len(live), SAMPLES, 3))
         normal[:, 0] = 0.0  # the mean itself
         fresh = mean[live, None] + normal @ np.linalg.cholesky(covariance[live]).transpose(0, 2, 1)
@@ -303,22 +320,22 @@ def _refined(
         value = value.reshape(fresh.shape[:2])
         there = np.isfinite(value).any(1)
         live, fresh, value, normal = live[there], fresh[there], value[there], normal[there]
-        if not len(live):
-            break
-        weight, whole = _tempered((1.0 if turn == 0 else COVER) * value + 0.5 * (normal**2).sum(-1))
+        log = (1.0 if turn == 0 else COVER) * value + 0.5 * (normal**2).sum(-1)
+        weight, whole = _tempered(log, LEAST_POWER if rounds > ROUNDS else 1.0)
         mean[live] = (weight[:, None] @ fresh)[:, 0]
         gap = fresh - mean[live, None]
         covariance[live] = (weight[..., None] * gap).transpose(0, 2, 1) @ gap + np.diag(LEAST)
         if turn:
             best[live] = np.maximum(best[live], value.max(1))
+        usual = (weight * np.where(weight > 0, value, 0.0)).sum(1)
+        settled[live] = whole & (usual > best[live] - BEHIND)
         live = live[~whole] if turn >= ROUNDS - 1 else live
-        if turn < MOST_ROUNDS - 1:
+        if turn < rounds - 1:
             covariance[live] *= BROADER
-    mean[:, 2] = wrap(mean[:, 2])
-    return mean, covariance, best
+    return mean, covariance, best, settled
 
 
-def _tempered(log: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _tempered(log: Array, least: float = LEAST_POWER) -> tuple[Array, NDArray[np.bool_]]:
     """Weights (K, N) of samples of such log ratios, and whose ratios weren't taken to a power below 1.
 
     The power leaves samples that count for `EFFECTIVE` equal ones at least, so that their covariance is one.
@@ -328,6 +345,6 @@ def _tempered(log: Array) -> tuple[Array, NDArray[np.bool_]]:
         weight = np.exp(power * (log - log.max(1, keepdims=True)))
         weight /= weight.sum(1, keepdims=True)
         few = 1 / np.square(weight).sum(1) < EFFECTIVE
-        if not few.any() or power.min() < LEAST_POWER:
+        if not few.any() or power.min() <= least:
             return weight, power[:, 0] == 1
         power[few] *= 0.6
