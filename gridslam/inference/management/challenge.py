@@ -51,9 +51,9 @@ WITHOUT_AMPLITUDE = 0.6
 """Of a loud measurement, what one without amplitude counts for that isn't clutter."""
 FIRST_STEPS = 60
 """Steps at which a start is rather told wrong than mirrored, where no heading tells the two apart."""
-HERE_M, HERE_RAD, HERE, HERE_SQUARED = 0.1, 0.1, fixed(np.diag([0.03, 0.03, 0.02]) ** 2), 9.0
+HERE_M, HERE_RAD, HERE, HERE_SQUARED = 0.1, 0.1, fixed(np.array([0.03, 0.03, 0.02])), 9.0
 """What is nearer to where the agent is believed to be is no other place, nor is what is so few squared
-deviations from there, with so much added to their covariance."""
+deviations from there, with such ones (m, m, rad) added to their covariance."""
 TRIAL = 20
 """Steps that a challenger of a place that is called wrong has to map what is heard."""
 
@@ -89,22 +89,28 @@ def compare_poses(
 ) -> Comparison:
     """What one scan alone says of the believed pose (3,), and of others: lines of sight are tried.
 
-    What is within the covariance (3, 3) of the believed pose is no other one.
+    What is within the covariance (3, 3) of the believed pose is no other one, whatever heading it has if the
+    scan tells none. The covariance may be singular, and negative by what rounding leaves of a vague one.
     """
-    facing = None if likelihood.tells_heading else float(believed[2])
+    known, facing = covariance / np.outer(HERE, HERE), None
+    if not likelihood.tells_heading:
+        known[2], known[:, 2], facing = 0.0, 0.0, float(believed[2])
+    variance, axes = np.linalg.eigh(known)
+    variance = np.maximum(variance, 0.0)
     asked = (line_of_sight_poses(terms, draw, COPIES, 24, facing) for terms in likelihood.terms)
-    near_by = draw.multivariate_normal(believed, covariance, DRAWN, method="eigh")
+    near_by = believed + HERE * (np.sqrt(variance) * draw.standard_normal((DRAWN, 3)) @ axes.T)
     poses = np.concatenate([believed[None], near_by, *asked])
     log = likelihood.score(poses, 2.0)
-    likeliest, top = poses[int(log[: 1 + DRAWN].argmax())], poses[int(log.argmax())]
+    first = int(log.argmax())
+    likeliest, top = poses[int(log[: 1 + DRAWN].argmax())], poses[first]
     refined_poses, scores = refined(likelihood, np.array([likeliest, top]), draw)
     here, there = scores.tolist()
     best = max(here, there)
     gap = top - believed
     gap[2] = wrap(gap[2])
     # where a scan is exact a few millimetres decide, which looks about the believed pose miss
-    beside = np.hypot(*gap[:2]) < HERE_M and abs(gap[2]) < HERE_RAD
-    if beside or gap @ np.linalg.solve(covariance + HERE, gap) < HERE_SQUARED:
+    beside = first <= DRAWN or (np.hypot(*gap[:2]) < HERE_M and abs(gap[2]) < HERE_RAD)
+    if beside or np.sum((gap / HERE @ axes) ** 2 / (1 + variance)) < HERE_SQUARED:
         return Comparison(best, best)
     other = refined_poses[1]
     each = np.array([terms.score(other[None], 1.0)[0] for terms in likelihood.terms])
@@ -205,7 +211,8 @@ def challenged(
         return population
     alone = pose_likelihood(scans, state, model)
     modes = find_modes(alone, anywhere(state, model), model.grid, LISTED, stream, POSES)
-    if population.watch.unproven and modes.complete and near(modes.pose, state.belief.mean[POSE]).all():
+    led = [_led(one, scan.time_s, model) for one in population.states]
+    if population.watch.unproven and modes.complete and near(modes.pose, led[0].mean[POSE]).all():
         population = replace(population, watch=population.watch.proven())  # nothing fits elsewhere
     velocity = float(model.start_variance[2])
     blank = replace(
@@ -213,7 +220,6 @@ def challenged(
         next_identity=state.next_identity, turn_variance=None if state.turn_variance is None else ANY,
         turn_anchor=state.turn_anchor, sight_nats=state.sight_nats,
     )  # fmt: skip
-    led = [_led(one, scan.time_s, model) for one in population.states]
     rivals = branches_of(blank, leading(modes, alone, led, population.watch), velocity)
     if len(state.surfaces):
         mapped = pose_likelihood(scans, state, model, known_sources(state, model, work=work))
