@@ -235,11 +235,11 @@ def initialise_surface(
     angle = path.arrival[0] - fresh.mean[4] if arrives else path.departure[0] - facing
     missed = max(missed, abs(wrap(scan[m, seen] - angle)) / std[seen])
     if known < 0:
-        line, short = np.arange(size, size + 2), scan[m, 0] - late_by - path.distance[0]
+        rows, short = np.arange(size, size + 2), scan[m, 0] - late_by - path.distance[0]
         mean, covariance = fresh.mean.copy(), fresh.covariance.copy()
         tilt = float(tall(mean, head, anchor, places))
-        bent, bend = bend_of_bounce(mean, covariance, line, place, tilt)
-        mean[line] += derivative[:, 3] * (short - bent[0])
-        covariance[np.ix_(line, line)] += bend[0, 0] * np.outer(derivative[:, 3], derivative[:, 3])
+        bent, bend = bend_of_bounce(mean, covariance, rows, place, tilt)
+        mean[rows] += derivative[:, 3] * (short - bent[0])
+        covariance[np.ix_(rows, rows)] += bend[0, 0] * np.outer(derivative[:, 3], derivative[:, 3])
         fresh = replace(fresh, mean=mean, covariance=covariance)
     return fresh.mean, fresh.covariance, density / density.sum(), float(missed)

@@ -135,10 +135,10 @@ def _advanced(
         if modes is None or not (modes.complete or waited >= PATIENCE):
             return still_searching(population, prior, len(scan) > 0, model, work)
         population = _started(replace(population.best, belief=prior.belief), modes, model)
-    work.recovers = True
-    population = _listed(population, scan, model, work)
     if population.watch.doubtful:
         population = challenged(population, scan, start(model), model, work)
+    work.recovers = True
+    population = _listed(population, scan, model, work)
     population = _split(population, scan, model)
     return _stepped(population, scan, model, work, step)
 
