@@ -81,7 +81,9 @@ def weigh(
             level = nodes / length
         density = np.exp(log_rician(scan[m, 6], level, radio[0, 8], unsure)) if loud[m] else table
         strength[:, m] = (belief * density).sum(1)
-        mean[:, m] = (belief * density * (level if loud[m] else own)).sum(1)
+        mean[:, m] = (belief * density * level).sum(1)
+    variance = (belief * table / np.maximum(own, FAINTEST) ** 2).sum(1)  # of (M10), but for a factor
+    mean[:, ~loud] = (detected * np.sqrt(detected / np.maximum(variance, NEVER)))[:, None]
     strength[worth <= 1e-6] = mean[worth <= 1e-6] = 0.0
     usual = (belief * own).sum(1)[:, None]
     mean = np.where(strength > NEVER, mean / np.maximum(strength, NEVER), usual)

@@ -90,7 +90,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
             anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work
         )
         ratios = weigh_elevations(state, anchor_scan, paths, ratios, radio, model)  # (M302)
-        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)  # (M46)
+        state, ratios, radio = learn_clutter(state, anchor_scan, ratios, radio, model)  # (M46)
         births, ratios = admitted_births(  # eq. (11), (M549)
             state, anchor_scan, cloud, paths, ratios, radio, model, work=work
         )

@@ -234,7 +234,7 @@ def turn(
         paths = predict_paths(state, anchor_scan.anchor, model, work=work)
         amplitudes = predict_amplitudes(state, paths, anchor_scan, model.radio, work=work)
         cloud, ratios = evaluate(anchor_scan, paths, np.ones(len(paths)), amplitudes, radio, model, work=work)
-        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
+        state, ratios, radio = learn_clutter(state, anchor_scan, ratios, radio, model)
         births, ratios = admitted_births(  # (M549), (M491)
             state, anchor_scan, cloud, paths, ratios, radio, model, senders, work=work
         )

@@ -85,7 +85,7 @@ def turn(
         paths, visible = cast_paths(state, anchor_scan.anchor, model, work=work)  # eq. (1)
         amplitudes = Reflected(visible.products, radio)  # eq. (2)
         cloud, ratios = evaluate(anchor_scan, paths, visible.validity, amplitudes, radio, model, work=work)
-        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio, model)
+        state, ratios, radio = learn_clutter(state, anchor_scan, ratios, radio, model)
         births, ratios = admitted_births(  # eq. (11), (M549), (M491)
             state, anchor_scan, cloud, paths, ratios, radio, model, senders, work=work
         )

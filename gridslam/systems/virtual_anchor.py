@@ -61,7 +61,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         cloud, ratios = evaluate(  # (M22) to (M25)
             anchor_scan, paths, np.ones(len(paths)), amplitudes, radio_before, model, work=work
         )
-        state, ratios, radio = learn_clutter(state, anchor_scan.anchor, ratios, radio_before, model)  # (M46)
+        state, ratios, radio = learn_clutter(state, anchor_scan, ratios, radio_before, model)  # (M46)
         births, ratios = propose_births(  # (M32)
             state, ranging.of_arrivals(anchor_scan), cloud, ratios, radio, model, work=work
         )

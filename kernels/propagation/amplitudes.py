@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from gridslam.kernels import FAINTEST
 from gridslam.kernels.primitives.radio import (
     FALSE_ALARMS,
     SAMPLES,
@@ -72,6 +73,8 @@ def weigh(
 ):  # fmt: skip
     """Mean likelihood of every amplitude under every path, and the path's mean amplitude given it.
 
+    Of a measurement without amplitude, the amplitude that has the mean variance of (M10) instead: (M578).
+
     The factor of the amplitude in [Li2026grid], eqs. (8) to (10), and p_d.
     A path whose length is measured has that length: the distance less the difference of the clocks, so far
     as that is known. A measurement without amplitude has the likelihood p_d. All paths have the first one's
@@ -94,7 +97,7 @@ def weigh(
                         density = rician_about(scan[m, AMPLITUDE], level, samples, unsure)
                         scratch.density[0, m, n], scratch.density[1, m, n] = density, density * level
         per_metre = 1 / ti.max(rows.predicted[row, LENGTH], 1e-3) if spreading > 0.5 else one
-        usual, seen, both = 0 * one, 0 * one, 0 * one
+        usual, seen, faint = 0 * one, 0 * one, 0 * one
         for n in range(count):
             p = amplitudes.probability[row, n]
             if p > 0:
@@ -102,13 +105,13 @@ def weigh(
                 sure = p * detection_of(level, amplitudes.chance, step)
                 usual += p * level
                 seen += sure
-                both += sure * level
+                faint += sure / ti.max(level, FAINTEST) ** 2
         odds[DETECTED, row] = seen
         for m in range(scan.shape[0]):
             total, mean = 0 * one, 0 * one
             if prior_existence(odds, row) > NEGLIGIBLE:
                 if scan[m, AMPLITUDE] < 0:
-                    total, mean = seen, both
+                    total, mean = seen, seen * ti.sqrt(seen / ti.max(faint, NEVER))
                 elif scan[m, OWN_STD] >= 0:
                     for n in range(count):
                         total += amplitudes.probability[row, n] * scratch.density[0, m, n]

@@ -123,14 +123,20 @@ class Calibration:
             return stated
         return replace(stated, amplitude_at_1m=stated.amplitude_at_1m * gain, false_alarms=level)
 
-    def with_clutter(self, anchor: int, count: float, stated: RadioModel) -> Self:
-        """Take in how much clutter an anchor's scan held, before its association."""
+    def with_clutter(self, anchor: int, count: float, stated: RadioModel, weight: float = 1.0) -> Self:
+        """Take in how much clutter an anchor's scan held, before its association.
+
+        Parameters
+        ----------
+        weight : float
+            Steps of listening that the scan is worth.
+        """
         usual = self.estimate(anchor, stated.false_alarms)
         # a level that jumps is learned afresh, or a burst would be over before it is believed
         keep = KEEP if abs(count - usual) < SURPRISE * math.sqrt(usual + 1) else BROKEN * KEEP
         clutter, listened = self.clutter.copy(), self.listened.copy()
-        clutter[anchor] = keep * clutter[anchor] + count
-        listened[anchor] = keep * listened[anchor] + 1
+        clutter[anchor] = keep * clutter[anchor] + weight * count
+        listened[anchor] = keep * listened[anchor] + weight
         return replace(self, clutter=clutter, listened=listened)
 
     def amplified(self, gain: float, std: float) -> Self:

@@ -28,8 +28,9 @@ reason               said when                                    by            
                      of the anchors in sight, and no other has
                      been since (direct SLAM)
 `misfit`             innovations leave their chi-square band      `monitor`, `signal_watch`        section 9
-`clutter`            an anchor's clutter is over 3 times the      `monitor.HealthMonitor.assess`   (M46)
-                     scene's, and over 0.75 a step
+`clutter`            an anchor's clutter is over 3 times the      `monitor.HealthMonitor.assess`   (M46),
+                     scene's, and over 0.75 a step; never by                                    (M579)
+                     scans without amplitudes
 `turned`             an anchor's turn is beyond doubt, and        `monitor.HealthMonitor.assess`,  section 9,
                      `offset` isn't told of all anchors           `sight_watch.SightWatch`         (M511)
 `few_particles`      fewer than 3 (hybrid SLAM: 30) carry an      `monitor`,                       section 9,
