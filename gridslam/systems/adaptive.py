@@ -25,6 +25,7 @@ from gridslam.inference.messages.faint_births import remember_leftovers, unclaim
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.mirrors import weigh_angles
+from gridslam.inference.messages.outages import is_outage, through_outage
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
     start_amplitudes,
@@ -109,6 +110,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = back_in_scene(framed, state, anchor_scan.anchor, model)
         exchanges.append(exchange)
     exchanges, measured = in_turn(exchanges), state
+    if is_outage(exchanges):  # (M580)
+        state = representation.park(recalled, through_outage(recalled, model), model, work=work)
+        return conclude(state, exchanges, calibration_used, model, work)
     state = learn_surface_walks(recalled, state)  # (M361)
     state = drop_no_mirrors(state, model, work=work)  # (M517), (M548)
     state = spare_unseen(recalled, state, model)  # (M495)

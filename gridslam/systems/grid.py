@@ -26,6 +26,7 @@ from gridslam.inference.messages.faint_births import remember_leftovers, unclaim
 from gridslam.inference.messages.level_coefficients import learn_levels, with_levels
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.mirrors import weigh_angles
+from gridslam.inference.messages.outages import is_outage, through_outage
 from gridslam.inference.messages.reflection import reflected, update_coefficients
 from gridslam.inference.messages.scatterers import weigh_forms
 from gridslam.inference.messages.surface_walk import learn_surface_walks
@@ -111,6 +112,9 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = back_in_scene(framed, state, anchor_scan.anchor, model)
         exchanges.append(exchange)
     exchanges, measured = in_turn(exchanges), state
+    if is_outage(exchanges):  # (M580)
+        state = representation.park(recalled, through_outage(recalled, model), model, work=work)
+        return conclude(state, exchanges, calibration_used, model, work)
     # in `work`: what every update noted of its paths, and what `cast_messages` adds up for the cells
     drawn = cast_messages(state, model, work=work)  # eqs. (43) to (45)
     state = update_coefficients(state, drawn, model, work=work)  # (M42)

@@ -20,6 +20,7 @@ from gridslam.inference.messages.clutter import learn_clutter
 from gridslam.inference.messages.detections import mark_detections
 from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.motion import predict
+from gridslam.inference.messages.outages import is_outage, through_outage
 from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     forget_amplitudes,
@@ -54,6 +55,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
     model = work.calibrated(model, calibration_used.turned)
     scans = work.once(split_by_anchor, scan, model)
     state = recover_pose(state, scans, earlier_s, model, work=work)  # (M576)
+    predicted = state
     for anchor_scan in scans.surest_first:
         before, radio_before = state, state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths = predict_paths(state, anchor_scan.anchor, model, work=work)  # (M20), (M21)
@@ -79,6 +81,8 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
+    if is_outage(exchanges):  # (M580)
+        return conclude(through_outage(predicted, model), exchanges, calibration_used, model, work)
     radio = calibration_used.tuned(model.radio, 0)  # rings ask for amplitudes, which are one for all anchors
     state = ranging.join_shrunk_rings(state, radio, model)  # docs/model.md, section 8
     merged = forget_amplitudes(merge_and_prune(state, model))  # (M513), (M574)
