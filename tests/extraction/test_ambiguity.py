@@ -135,5 +135,5 @@ def test_grid_slam_keeps_to_its_way_on_paths_of_an_array_that_leaves_opposites()
     """Told opposites as if they were sure, it was metres off."""
     scene = gs.Scene.load("screen")
     found = gs.extract(gs.simulate(scene, "agent1", 2, what="signal"), scene)
-    run = gs.map_scene(scene, found, seed=2)
+    run = gs.map_scene(scene, found, seed=2, particles=512)
     assert run.score(gs.ground_truth(scene, "agent1"))["position_rmse_m"] < 0.8

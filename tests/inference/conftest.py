@@ -1,6 +1,7 @@
 """What several rooms of inference are tested on."""
 
 import pytest
+from scene_samples import ENOUGH
 
 import gridslam as gs
 from gridslam.simulation import disturbances
@@ -8,8 +9,8 @@ from gridslam.simulation import disturbances
 
 @pytest.fixture(scope="session")
 def room():
-    """The scene `room` as its filter believes it to be, with measurements and truth."""
-    return disturbances.undisturbed(gs.Scene.load("room"), seed=1)
+    """The scene `room` as its filter believes it to be, with measurements and truth, and few particles."""
+    return disturbances.undisturbed(gs.Scene.load("room").with_filter(particles=ENOUGH), seed=1)
 
 
 @pytest.fixture(scope="session")

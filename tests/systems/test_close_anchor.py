@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scene_samples import ENOUGH
 
 import gridslam as gs
 
@@ -10,7 +11,7 @@ PASSES_M = 0.03
 
 @pytest.fixture(scope="module")
 def scene():
-    data = gs.Scene.load("room").model_dump(exclude_none=True)
+    data = gs.Scene.load("room").with_filter(particles=ENOUGH).model_dump(exclude_none=True)
     agent = {**data["agents"][0], "start_m": (-2.0, -1.4), "waypoints_m": ((2.0, -1.4),), "steps": 60}
     anchors = [{**data["anchors"][0], "position_m": (-0.9, -1.4 + PASSES_M)}, data["anchors"][1]]
     return gs.Scene.checked({**data, "anchors": anchors, "agents": [agent]}, "close")

@@ -8,7 +8,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from scene_samples import shortened
+from scene_samples import ENOUGH, shortened
 
 import gridslam as gs
 from gridslam.estimate_tables import SurfaceEstimate
@@ -25,7 +25,7 @@ SEEDS = (1, 2, 3)
 
 @pytest.fixture(scope="module")
 def runs():
-    scene = gs.Scene.load("room")
+    scene = gs.Scene.load("room").with_filter(particles=ENOUGH)
     return [gs.map_scene(scene, gs.simulate(scene, "agent1", s), seed=s) for s in SEEDS]
 
 
@@ -231,7 +231,7 @@ def test_an_agent_that_knows_the_map_meets_the_known_map_bound():
     errors, nees = [], []
     for seed in (1, 2, 3, 4):
         run = gs.map_scene(
-            scene, gs.simulate(scene, "agent1", seed), seed=seed, prior_map=known, particles=2000
+            scene, gs.simulate(scene, "agent1", seed), seed=seed, prior_map=known, particles=ENOUGH
         )
         gap = run.trajectory.position_m - track.position_m
         errors.append(gap)
@@ -247,7 +247,7 @@ def test_an_adapted_number_of_particles_leads_to_the_same_place():
     scene = shortened(gs.Scene.load("room"), 12)
     scans, track = list(gs.simulate(scene, "agent1", 1)), []
     for adapt in (False, True):
-        slam = gs.GridSlam(scene.with_filter(adapt_particles=adapt), seed=1)
+        slam = gs.GridSlam(scene.with_filter(adapt_particles=adapt, particles=10_000), seed=1)
         track.append(np.array([slam.step(scan).position_m for scan in scans]))
     assert slam.work.particles.ask(slam.state.belief)[0] < slam.work.particles.count
     np.testing.assert_allclose(*track, atol=0.005)

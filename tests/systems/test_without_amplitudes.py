@@ -11,7 +11,7 @@ from tiny import TINY
 
 import gridslam as gs
 
-ROOM = gs.Scene.load("room")
+ROOM = gs.Scene.load("room").with_filter(particles=512)
 
 
 def silent(scene, agent="agent1"):

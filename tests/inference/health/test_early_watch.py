@@ -12,7 +12,7 @@ from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.deviations import own_deviations
 from gridslam.systems.checkpoint import write_checkpoint
 
-ROOM = gs.Scene.load("room")
+ROOM = gs.Scene.load("room").with_filter(particles=512)
 MODEL = ROOM.filter_model("agent1")
 HEARD = gs.simulate(ROOM, "agent1", seed=3)
 

@@ -16,7 +16,7 @@ from gridslam.inference.health.range_watch import LEAST_STEPS, RangeWatch
 from gridslam.inference.scans.anchor_measurements import split_by_anchor
 from gridslam.inference.scans.deviations import own_deviations
 
-ROOM = gs.Scene.load("room")
+ROOM = gs.Scene.load("room").with_filter(particles=512)
 
 
 def watched(scene, measurements):
