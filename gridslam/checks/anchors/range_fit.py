@@ -178,67 +178,69 @@ def _sight_measurements(columns: Mapping[str, NDArray], sight: Sight, scene: Sce
 def _misfit(sights: Array, places: Array, error: RangeError | None, sizes: Array) -> Array:
     """Sums of squared residuals (S,), one for each size of the error; `places` (J, 3) with heights.
 
-    The poses (S, N, 3) are those that make them least, by Gauss-Newton with weights.
+    The poses are those that make them least, by Gauss-Newton with weights. Anchors come first, before sizes
+    and steps, and quantities before anchors: sums over a short last axis take several times as long.
     """
     places, heights = places[:, :2], places[:, 2]
-    pose = np.tile(_first(sights, places, heights), (len(sizes), 1, 1))
-    values = np.nan_to_num(sights).transpose(2, 0, 1)
+    pose = np.tile(_first(sights, places, heights).T[:, None], (1, len(sizes), 1))
+    sights = np.ascontiguousarray(sights.transpose(2, 1, 0))
+    values = np.nan_to_num(sights)[:, :, None]
     stds = np.array([DISTANCE_STD_M, ANGLE_STD_RAD, ANGLE_STD_RAD])
-    precision = np.isfinite(sights).transpose(2, 0, 1) / stds[:, None, None]
+    precision = np.isfinite(sights) / stds[:, None, None]
     for last in range(ROUNDS + 1):
-        x, y = (pose[..., None, axis] - places[:, axis] for axis in (0, 1))
+        x, y = (pose[axis] - places[:, axis, None, None] for axis in (0, 1))
         flat = np.maximum(np.hypot(x, y), 1e-3)
         direction = np.arctan2(y, x)
-        predicted = slant(flat, heights)
+        predicted = slant(flat, heights[:, None, None])
         slope = flat / predicted
         for number in error.anchors if error is not None else ():
             assert error is not None
             height = float(heights[number])
-            predicted[..., number] = error.spoilt(flat[..., number], sizes[:, None], number, height)
+            predicted[number] = error.spoilt(flat[number], sizes[:, None], number, height)
             if error.kind != "offset":
-                slope[..., number] = flat[..., number] / predicted[..., number]
-        behind = direction + np.pi - pose[..., None, 2]
-        gap = values[:, None] - np.stack([predicted, direction, behind])
+                slope[number] = flat[number] / predicted[number]
+        behind = direction + np.pi - pose[2]
+        gap = values - np.stack([predicted, direction, behind])
         gap[1:] -= 2 * np.pi * np.rint(gap[1:] / (2 * np.pi))
-        gap *= precision[:, None]
+        gap *= precision[:, :, None]
         if last == ROUNDS:
             break
         along = slope / flat
         change = _change(gap, precision, (along * x, along * y), (-y / flat**2, x / flat**2))
         pose = pose + np.clip(change, -1, 1)
-    return np.asarray(np.minimum(gap**2, OUTLIER**2).sum((0, 2, 3)))
+    return np.asarray(np.minimum(gap**2, OUTLIER**2).sum((0, 1, 3)))
 
 
 def _change(gap: Array, precision: Array, toward: tuple[Array, Array], across: tuple[Array, Array]) -> Array:
-    """What Gauss-Newton changes poses (S, N, 3) by.
+    """What Gauss-Newton changes poses (3, S, N) by.
 
     Each has three unknowns: the heading is eliminated, and two equations are left, which takes half as
     long as solving so many small systems one by one.
 
     Parameters
     ----------
-    gap : (3, S, N, J)
+    gap : (3, J, S, N)
         Of distance, direction and AoA, in deviations.
-    precision : (3, N, J)
+    precision : (3, J, N)
         0 of what wasn't measured.
-    toward, across : two of (S, N, J)
+    toward, across : two of (J, S, N)
         Slopes of distance and direction by position.
     """
-    pull = precision[:, None] * gap / (1 + (gap / OUTLIER) ** 2)
-    weight = precision[:, None] ** 2 / (1 + (gap / OUTLIER) ** 2)
+    known, damped = precision[:, :, None], 1 + (gap / OUTLIER) ** 2
+    pull, weight = known * gap / damped, known**2 / damped
     both, turn = weight[1] + weight[2], pull[1] + pull[2]
     xx, xy, yy = (
-        (weight[0] * toward[i] * toward[k] + both * across[i] * across[k]).sum(-1) + DAMPING * (i == k)
+        (weight[0] * toward[i] * toward[k] + both * across[i] * across[k]).sum(0) + DAMPING * (i == k)
         for i, k in ((0, 0), (0, 1), (1, 1))
     )
-    xh, yh = (-(weight[2] * slope).sum(-1) for slope in across)
-    hh, h = weight[2].sum(-1) + DAMPING, -pull[2].sum(-1)
-    x, y = ((pull[0] * one + turn * other).sum(-1) for one, other in zip(toward, across, strict=True))
+    xh, yh = (-(weight[2] * slope).sum(0) for slope in across)
+    hh, h = weight[2].sum(0) + DAMPING, -pull[2].sum(0)
+    x, y = ((pull[0] * one + turn * other).sum(0) for one, other in zip(toward, across, strict=True))
     xx, xy, yy = xx - xh * xh / hh, xy - xh * yh / hh, yy - yh * yh / hh
     x, y = x - xh * h / hh, y - yh * h / hh
     own = xx * yy - xy * xy
     right, up = (yy * x - xy * y) / own, (xx * y - xy * x) / own
-    return np.stack([right, up, (h - xh * right - yh * up) / hh], -1)
+    return np.stack([right, up, (h - xh * right - yh * up) / hh])
 
 
 def _first(sights: Array, places: Array, heights: Array) -> Array:
