@@ -49,6 +49,8 @@ GRAZE = 1e-9
 """Share of a leg at either end in which a wall doesn't block it."""
 FAR = 100.0
 """Sum of squared deviations from which on a row is no line of sight: its ratio is below 1e-21."""
+BEYOND, NO_SIGHT = FAR + 1e-6, -1.0
+"""The same, by the rounding of a difference more; what no ratio is."""
 
 
 @ti.func
@@ -99,15 +101,27 @@ def length_to(sights: ti.template(), particle: ti.template(), half, a, p):
 
 
 @ti.func
+def far_off(sights: ti.template(), r, nearest, farthest):
+    """Whether a row's length is no line of sight at any particle."""
+    length = sights.row[r, VALUES]
+    off = ti.max(nearest - length, length - farthest, 0.0) * sights.row[r, SURE]
+    return off * off > BEYOND
+
+
+@ti.func
 def foreseen(sights: ti.template(), particle: ti.template(), line: ti.template(), half, q, count, spare):
     """What each particle expects of a line of sight: its length, and how it departs and arrives if the scan
-    has angles, which take longest."""
+    has angles that count, which take longest. The shortest of these lengths, and the longest."""
     a, world, angles = sights.scan[q, ANCHOR], sights.choice[WORLD], ti.f64(0.0)
     px, py, facing = sights.anchor[a, X], sights.anchor[a, Y], sights.anchor[a, FACING]
-    for r in range(sights.scan[q, ROWS], sights.scan[q + 1, ROWS]):
-        angles += sights.row[r, SURE + 1] + sights.row[r, SURE + 2]
+    nearest, farthest = ti.f64(1e300), ti.f64(-1e300)
     for p in range(count):
-        line[spare + LENGTH, p] = length_to(sights, particle, half, a, p)
+        length = length_to(sights, particle, half, a, p)
+        line[spare + LENGTH, p] = length
+        nearest, farthest = ti.min(nearest, length), ti.max(farthest, length)
+    for r in range(sights.scan[q, ROWS], sights.scan[q + 1, ROWS]):
+        if not far_off(sights, r, nearest, farthest):
+            angles += sights.row[r, SURE + 1] + sights.row[r, SURE + 2]
     if angles > 0:
         for p in range(count):
             x, y, heading = particle[half, p, PLACE], particle[half, p, PLACE + 1], particle[half, p, HEADING]
@@ -117,13 +131,15 @@ def foreseen(sights: ti.template(), particle: ti.template(), line: ti.template()
     else:
         for p in range(count):
             line[spare + AHEAD, p] = line[spare + ARRIVAL, p] = 0.0
+    return nearest, farthest
 
 
 @ti.func
-def compared(sights: ti.template(), line: ti.template(), q, count, first, sums, spare):
+def compared(sights: ti.template(), line: ti.template(), q, count, first, sums, spare, nearest, farthest):
     """Ratio of each row of a scan to any path at each particle, in a line each, and their sums.
 
-    Rows outside: what is read of one then waits in registers while particles are gone through, in order.
+    Rows outside: what is read of one then waits in registers while particles are gone through, in order. Most
+    rows are far from what any particle expects: a line that begins with `NO_SIGHT` stands for zeros.
     """
     for p in range(count):
         line[sums, p] = 0.0
@@ -139,16 +155,19 @@ def compared(sights: ti.template(), line: ti.template(), q, count, first, sums, 
             sights.row[r, SURE + 2],
         )
         peak = sights.row[r, PEAK]
-        for p in range(count):
-            gap, ratio = (length - line[spare + LENGTH, p]) * by_length, ti.f64(0.0)
-            if gap * gap < FAR:
-                off = wrapped(departure - line[spare + AHEAD, p]) * by_departure
-                turn = wrapped(arrival - line[spare + ARRIVAL, p]) * by_arrival
-                square = gap * gap + off * off + turn * turn
-                if square < FAR:
-                    ratio = peak * decay_of(-0.5 * square)
-            line[r - first, p] = ratio
-            line[sums, p] += ratio
+        if far_off(sights, r, nearest, farthest):
+            line[r - first, 0] = NO_SIGHT
+        else:
+            for p in range(count):
+                gap, ratio = (length - line[spare + LENGTH, p]) * by_length, ti.f64(0.0)
+                if gap * gap < FAR:
+                    off = wrapped(departure - line[spare + AHEAD, p]) * by_departure
+                    turn = wrapped(arrival - line[spare + ARRIVAL, p]) * by_arrival
+                    square = gap * gap + off * off + turn * turn
+                    if square < FAR:
+                        ratio = peak * decay_of(-0.5 * square)
+                line[r - first, p] = ratio
+                line[sums, p] += ratio
 
 
 @ti.func
@@ -204,8 +223,8 @@ def follow_sights(
         for q in range(begin, end):
             a, own = sights.scan[q, ANCHOR], behind + q - begin
             rows = sights.scan[q + 1, ROWS] - sights.scan[q, ROWS]
-            foreseen(sights, particle, line, half, q, count, spare)
-            compared(sights, line, q, count, first, own, spare)
+            nearest, farthest = foreseen(sights, particle, line, half, q, count, spare)
+            compared(sights, line, q, count, first, own, spare, nearest, farthest)
             clear, most = in_view(sights, a, mx, my), ti.f64(0.0)
             for p in range(count):
                 if sights.choice[THOROUGH] > 0:
@@ -230,8 +249,9 @@ def follow_sights(
             best, highest, whole, length = sights.scan[q, ROWS], ti.f64(-1.0), ti.f64(0.0), ti.f64(0.0)
             for r in range(sights.scan[q, ROWS], sights.scan[q + 1, ROWS]):
                 own = ti.f64(0.0)
-                for p in range(count):
-                    own += line[r - first, p] * line[behind + q - begin, p] * line[top, p]
+                if line[r - first, 0] != NO_SIGHT:
+                    for p in range(count):
+                        own += line[r - first, p] * line[behind + q - begin, p] * line[top, p]
                 whole += own
                 if own > highest:
                     best, highest = r, own
