@@ -8,6 +8,7 @@ docs/generate.py prints the same descriptions as the reference of the files. The
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.io.files import fits, get, put, subgroup
+from gridslam.io.hdf5_limits import place_of
 from gridslam.quantity import REQUIRED, Quantity
 
 AXIS = re.compile(r"(?:(\d+) )?([A-Za-z]+)(?: \+ (\d+))?")
@@ -129,15 +131,15 @@ class Dataset(Quantity):
 
     def _dataset(self, group: h5py.Group, name: str, sizes: Mapping[str, int]) -> tuple[NDArray[Any], str]:
         """A dataset's values, and what errors call it."""
-        shape = getattr(group.get(name), "shape", None) or ()
+        shape = (getattr(group.get(name), "shape", None) or ()) if " or " in self.shape else ()
         values = get(group, name, self._wanted(shape, sizes), TEXT if self.kind == "text" else NUMBERS)
-        return values, f"{group.file.filename}: {group.name.rstrip('/')}/{name}"
+        return values, place_of(group, name)
 
     def _attribute(
         self, place: h5py.Group | h5py.Dataset, name: str, sizes: Mapping[str, int]
     ) -> tuple[NDArray[Any], str]:
         """An attribute's values, and what errors call it."""
-        where = f"{place.file.filename}: {place.name}: {name}"
+        where = f"{os.fsdecode(h5py.h5f.get_name(place.id))}: {place.name}: {name}"
         if name not in place.attrs:
             unit = f", {self.shown_unit}" if self.shown_unit else ""
             raise InputError(where, "none", f"an attribute: {self.meaning}{unit}")

@@ -15,7 +15,7 @@ import numpy as np
 from gridslam.errors import InputError
 from gridslam.io.foreign import refuse_foreign_h5
 from gridslam.io.hdf5_guard import is_hdf5, prove, seal
-from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, refuse_links
+from gridslam.io.hdf5_limits import claims_too_much, counted, most_claimed, place_of, refuse_links
 
 OF_KINDS = {"OS": "text", "iu": "whole numbers", "b": "true or false", "c": "complex numbers"}
 """What datasets of some NumPy kinds hold, in words; of all others: numbers."""
@@ -303,17 +303,16 @@ def get(group: h5py.Group, name: str, shape: tuple[int | None, ...], kind: str =
         The dataset is missing, has another shape or type, or claims an absurd size, alone or with
         those read before.
     """
-    where = f"{group.file.filename}: {group.name.rstrip('/')}/{name}"
     data = group.get(name)
     if not isinstance(data, h5py.Dataset):
-        raise InputError(where, "no dataset", "a dataset of this name")
+        raise InputError(place_of(group, name), "no dataset", "a dataset of this name")
     if not fits(data.shape or (), shape):
         wanted = tuple("any" if n is None else n for n in shape)
-        raise InputError(where, f"shape {data.shape}", f"shape {wanted}".replace("'", ""))
+        raise InputError(place_of(group, name), f"shape {data.shape}", f"shape {wanted}".replace("'", ""))
     if data.dtype.kind not in kind:
-        raise InputError(where, f"type {data.dtype}", OF_KINDS.get(kind, "numbers"))
+        raise InputError(place_of(group, name), f"type {data.dtype}", OF_KINDS.get(kind, "numbers"))
     if claims_too_much(data):
-        raise InputError(where, f"{data.size} values", "as many as the file holds")
+        raise InputError(place_of(group, name), f"{data.size} values", "as many as the file holds")
     return np.asarray(data[()])
 
 

@@ -41,7 +41,7 @@ def claims_too_much(data: h5py.Dataset) -> bool:
     if data.external or data.is_virtual:  # held by another file
         return True
     claimed = max(data.size, math.prod(data.chunks or (0,))) * data.dtype.itemsize
-    held = min(data.id.get_storage_size(), data.file.id.get_filesize())
+    held = min(data.id.get_storage_size(), h5py.h5i.get_file_id(data.id).get_filesize())
     number = h5py.h5o.get_info(data.id).fileno
     if number in _read:
         _read[number] += claimed
@@ -85,6 +85,10 @@ def own(group: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | None:
     if link is None:
         return None
     if not isinstance(link, h5py.HardLink):
-        where = f"{group.file.filename}: {group.name.rstrip('/')}/{name}"
-        raise InputError(where, "a link to elsewhere", "data in the file itself")
+        raise InputError(place_of(group, name), "a link to elsewhere", "data in the file itself")
     return group.get(name)
+
+
+def place_of(group: h5py.Group, name: str) -> str:
+    """What errors call what a group holds under a name. `group.file` would open the file once more."""
+    return f"{os.fsdecode(h5py.h5f.get_name(group.id))}: {group.name.rstrip('/')}/{name}"

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from gridslam.errors import InputError
 from gridslam.io.files import get, put, subgroup
+from gridslam.io.hdf5_limits import place_of
 
 KIND = "class"
 PLAIN = {bool: "b", int: "iu", float: "fiu", str: "USO"}
@@ -77,7 +78,7 @@ def get_value(group: h5py.Group, name: str, hint: Any, blank: bool = False) -> A
     InputError
         It is missing, of another type, not finite, or the class refuses it.
     """
-    where = f"{group.file.filename}: {group.name.rstrip('/')}/{name}"
+    where = place_of(group, name)
     origin, inner = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         if types.NoneType in inner and name not in group and name not in group.attrs:
@@ -175,8 +176,7 @@ def _array(group: h5py.Group, name: str, dtype: np.dtype[Any] | None, blank: boo
     if not shape:
         value = value.reshape(())
     if not blank and value.dtype.kind in "fc" and not np.isfinite(value).all():
-        where = f"{group.file.filename}: {group.name.rstrip('/')}/{name}"
-        raise InputError(where, "NaN or infinity", "finite numbers")
+        raise InputError(place_of(group, name), "NaN or infinity", "finite numbers")
     return value
 
 
