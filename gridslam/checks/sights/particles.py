@@ -113,7 +113,7 @@ def _before_hole(step: NDArray[np.intp], time_s: Array | None) -> int:
     return int(number[hole[0]] + 1 - number[0])
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=8)
 def _drawn(counts: tuple[int, ...], sized: bool, state: int, inc: int) -> tuple[Array, Array]:
     """Where each step's numbers begin (S + 1,), and all of them, of a generator that has come so far.
 
