@@ -150,6 +150,8 @@ class HealthMonitor:
 
     def sighted(self, spread_m: float, sights: Array) -> Self:
         """Take in how well the position is known, and existences of lines of sight (J,), after a step."""
+        if self.silent:  # wider by silence, not misled by what is heard
+            return self
         blind = 0.0 if (sights > SEEN).any() else max(self.blind_m, spread_m)
         return self if blind == self.blind_m else replace(self, blind_m=blind)
 
@@ -225,8 +227,8 @@ class HealthMonitor:
         if spread_m > VAGUE_M:
             found.append(reasons.vague(spread_m))
         elif spread_m > UNCHECKED_M and self.loud < ENOUGH:
-            found.append(reasons.unchecked(spread_m))
-        elif self.blind_m > BLIND_M:
+            found.append(reasons.unchecked(spread_m, self.silent > 0))
+        elif self.blind_m > BLIND_M and not self.silent:
             found.append(reasons.blind(self.blind_m))
         found += self.look.reasons()
         if self.since < AFRESH:

@@ -33,9 +33,10 @@ def vague(spread_m: float) -> str:
     return f"position known to {spread_m:.1f} m alone"
 
 
-def unchecked(spread_m: float) -> str:
+def unchecked(spread_m: float, silent: bool) -> str:
     """Standard deviation of the position, m, where nothing loud enough is heard to tell right from wrong."""
-    return f"position known to {spread_m:.1f} m, and what is heard is too faint to check it"
+    why = "nothing is heard" if silent else "what is heard is too faint"
+    return f"position known to {spread_m:.1f} m, and {why} to check it"
 
 
 def blind(metres: float) -> str:

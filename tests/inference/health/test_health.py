@@ -142,6 +142,16 @@ def test_a_position_that_nothing_loud_checks_is_no_sure_one(room, spread_m, loud
     assert ("too faint to check" in reasons_of(room, spread_m, explained=loud, loud=loud)) is reported
 
 
+def test_a_silence_is_called_one_and_misleads_nobody(room):
+    wide = reasons_of(room, 0.4, silent=2, blind_m=0.9)
+    assert wide == "position known to 0.4 m, and nothing is heard to check it"
+    assert reasons_of(room, 0.2, silent=2, blind_m=0.9) == ""
+    assert "reflections may have misled it" in reasons_of(room, 0.2, blind_m=0.9)
+    unseen = np.zeros(2)
+    assert HealthMonitor(silent=1).sighted(0.9, unseen).blind_m == 0
+    assert HealthMonitor().sighted(0.9, unseen).blind_m == 0.9
+
+
 @settings(max_examples=50, deadline=None)
 @given(st.lists(st.integers(0, 400), max_size=30), st.floats(0.1, 10, allow_subnormal=False))
 def test_the_clutter_level_is_bounded_whatever_is_heard(counts, reported):
