@@ -255,14 +255,14 @@ def _anchors_csv(anchors: MapAnchors, path: Path) -> None:
     names = "anchor,x_m,y_m,orientation_rad,x_std_m,y_std_m,orientation_std_rad"
     rows.writerow(names.split(","))
     for name, *numbers in zip(anchors.names, *anchors.columns, strict=True):
-        rows.writerow([name, *(f"{number:.9g}" for number in numbers)])
+        rows.writerow([name, *(f"{number:.12g}" for number in numbers)])
     refuse_foreign_text(path, "a folder without tables of others", begins_as(names))
     write_bytes(path, buffer.getvalue().encode())
 
 
 def _csv(path: Path, names: str, rows: np.ndarray) -> None:
     buffer = io.StringIO()
-    np.savetxt(buffer, rows, fmt="%.9g", delimiter=",", header=names, comments="")
+    np.savetxt(buffer, rows, fmt="%.12g", delimiter=",", header=names, comments="")
     refuse_foreign_text(path, "a folder without tables of others", begins_as(names))
     write_bytes(path, buffer.getvalue().replace("nan", "").encode("ascii"))
 

@@ -23,6 +23,7 @@ from gridslam.runs.step_files import storable
 from gridslam.runs.steps import resumed_or_started, run_steps
 from gridslam.runs.stopping import StoppedLate, held_back, keep_with
 from gridslam.runs.unfinished import AgentCheckpoint
+from gridslam.runs.unheard import unheard_steps
 from gridslam.systems.registry import DEFAULT, METHODS, method_class, method_name, taken_by
 from gridslam.systems.slam import Slam, built, stepped
 from gridslam.systems.suited import clocked, suited
@@ -151,7 +152,7 @@ def map_scene(
             peak_memory_mb=done.peak_memory_mb,
             began=began,
             interrupted=len(estimates) < len(measurements),
-            unheard=_unheard(measurements, len(estimates)),
+            unheard=unheard_steps(measurements, len(estimates)),
         )
     if done.fault is not None:
         keep_with(done.fault, run)
@@ -178,15 +179,6 @@ def _stepping(slam: Slam) -> Callable[[Observation], Estimate]:
         return partial(stepped, slam)
     where = f"{type(slam).__name__}.step"
     return lambda scan: storable(stepped(slam, scan), where)
-
-
-def _unheard(measurements: Observations, steps: int) -> tuple[int, ...]:
-    """Steps, of so many, at which nothing was heard."""
-    if isinstance(measurements, Recording):
-        silent = ~measurements.heard[:steps].any(1)
-    else:
-        silent = np.bincount(measurements.step, minlength=steps)[:steps] == 0
-    return tuple(np.flatnonzero(silent).tolist())
 
 
 def believed_track(estimates: Sequence[Estimate], height_m: float | None = None) -> Trajectory:

@@ -29,6 +29,7 @@ from gridslam.runs.run import Run
 from gridslam.runs.step_files import read_steps, write_steps
 from gridslam.runs.stopping import held_back
 from gridslam.runs.summary import hold
+from gridslam.runs.unheard import unheard_steps
 from gridslam.systems.registry import METHODS, particles_of
 from gridslam.world.names import folder_fault
 from gridslam.world.scene import Scene
@@ -60,6 +61,11 @@ class AgentFiles:
     truth: Trajectory | None
     estimates: list[Estimate]
     map: Map
+
+    @property
+    def unheard(self) -> tuple[int, ...]:
+        """Steps at which nothing was heard."""
+        return unheard_steps(self.measurements, len(self.estimates))
 
 
 @dataclass(frozen=True, eq=False)

@@ -151,7 +151,7 @@ def draw_errors(
         gap[found.truth.in_hole(found.trajectory.time_s)] = np.nan  # a line across
         error = 100 * np.linalg.norm(gap, axis=1), np.degrees(np.abs(turn))
         lines.insert(0, ("error", *error, BLUE, "-"))
-        bound = known_bound(scene, name, truth, takes)
+        bound = known_bound(scene, name, truth, takes, found.unheard)
         if bound is not None:
             size = len(steps)
             limit = 100 * bound.position_m[:size], np.degrees(bound.heading_rad[:size])

@@ -25,7 +25,7 @@ NotNegative = Annotated[float, Field(ge=0, le=1e12)]
 Share = Annotated[float, Field(gt=0, le=1)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
 Decibel = Annotated[float, Field(ge=-200, le=200)]
-Metre = Annotated[float, Field(ge=-1e6, le=1e6)]
+Metre = Annotated[float, Field(ge=-1e7, le=1e7)]  # northings reach 10 000 km
 HeightStd = Annotated[float, Field(ge=0, le=1)]
 CoefficientStd = Annotated[float, Field(ge=0, le=0.5)]
 Degree = Annotated[float, Field(ge=-720, le=720)]

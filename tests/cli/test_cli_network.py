@@ -12,6 +12,7 @@ from interrupted_runs import as_if_killed, same_runs
 from scene_samples import short
 
 import gridslam as gs
+from gridslam.cli.network import recorded_network
 from gridslam.runs.network_files import read_clocks
 from gridslam.runs.unfinished import read_unfinished
 from gridslam.systems.network_front import NetworkFront
@@ -303,3 +304,22 @@ def test_file_without_a_column_agent_is_that_of_the_one_agent_that_was_asked_for
     assert recorded_network(world, path, [chosen]).agents == (chosen,)
     with pytest.raises(gs.InputError, match=r"heard.csv: line 2: found no column 'agent'"):
         recorded_network(world, path, None)
+
+
+def test_agents_are_there_when_the_scene_says_whatever_epoch_the_table_counts_from(tmp_path):
+    """A recorder counts from 1970; `present_s` counts from where the table begins."""
+    whole = gs.Scene.load("exchange").model_dump(exclude_none=True)
+    whole["agents"] = [agent | {"steps": 12} for agent in whole["agents"][:2]]
+    whole["agents"][1]["present_s"] = (4.0, 1000.0)
+    scene, present = gs.Scene.checked(whole, "late"), []
+    heard = gs.simulate(scene, ["agent1", "agent2"], 4, unlabelled=True)
+    heard.to_csv(tmp_path / "heard.csv")
+    head, *rows = csv.reader((tmp_path / "heard.csv").read_text().splitlines())
+    column = head.index("time_s")
+    for began in (0.0, 1.7e9):
+        later = [[*row[:column], repr(float(row[column]) + began), *row[column + 1 :]] for row in rows]
+        with open(tmp_path / "later.csv", "w", newline="") as file:
+            csv.writer(file).writerows([head, *later])
+        present.append(recorded_network(scene, tmp_path / "later.csv", None).present)
+    assert present[0][1][0] == 4
+    np.testing.assert_array_equal(present[1], present[0])

@@ -83,6 +83,18 @@ def test_a_run_far_off_is_the_run_at_the_origin_moved(method):
     np.testing.assert_allclose(far.map().evidence, near.map().evidence, atol=0.05)
 
 
+def test_northings_are_coordinates_as_any_and_tables_keep_their_millimetres(tmp_path):
+    by = np.array([500_000.0, 5_000_000.0])
+    (_, here), (far, there) = (ended(scene, "grid") for scene in (HERE, moved_scene(HERE, by)))
+    np.testing.assert_allclose(there.position_m - by, here.position_m, atol=1e-6)
+    surfaces = far.map().surfaces
+    far.map().to_csv(tmp_path)
+    rows = np.genfromtxt(tmp_path / "surfaces.csv", delimiter=",", names=True)
+    offset = dict(zip(rows["identity"].astype(int), rows["offset_m"], strict=True))
+    for identity, line in zip(surfaces.identity.tolist(), surfaces.line, strict=True):
+        assert abs(offset[identity] - line[1]) < 1e-3
+
+
 def test_maps_are_handed_on_in_the_users_coordinates(tmp_path):
     maps = []
     for scene in (HERE, THERE):
