@@ -87,8 +87,8 @@ def fitted(grid: Map, scene: Scene, where: str = "map", same_frame: bool = False
     Raises
     ------
     InputError
-        The map is of another frame or of one that can't be told, of cells whose size or lattice doesn't fit,
-        or of another place; or it holds the evidence of a run twice.
+        The map is of another frame or of one that can't be told, or of another place; or it holds the
+        evidence of a run twice.
     """
     require_map(grid, where)
     refuse_repeated_runs(grid, where)

@@ -13,6 +13,7 @@ from gridslam.errors import InputError
 from gridslam.estimate_tables import SurfaceEstimate, SurfaceStretches
 from gridslam.maps.feature_fusion import merge_features
 from gridslam.maps.frames import refuse_lost, require_map, require_one_frame
+from gridslam.maps.lattices import covering
 from gridslam.maps.line_fusion import JointLines
 from gridslam.maps.map import Map
 from gridslam.maps.map_cells import blocks_of
@@ -31,7 +32,8 @@ MERGE_SLACK = np.diag([0.01, 0.01]) ** 2
 def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | None = None) -> Map:
     """Fuse maps of the same frame, made independently of one another.
 
-    The result covers all of them, with the finest of their cells. Log-likelihoods of occupancy and
+    The result covers all of them, with the finest of their cells, to which the others are resampled
+    (`Map.resample`). Log-likelihoods of occupancy and
     reflection add up; surfaces that agree are merged, and so are learned features; lists of the provenance
     are joined. The order of `maps` makes no difference.
 
@@ -53,8 +55,8 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
     ------
     InputError
         No map, one of a lost agent, maps whose frames differ or can't be compared, another mean free path,
-        grids that are not on one lattice, or two maps that hold the evidence of the same run, be it that one
-        was handed over to the agent of the other: it would count twice.
+        or two maps that hold the evidence of the same run, be it that one was handed over to the agent of the
+        other: it would count twice.
     """
     if isinstance(maps, str) or not isinstance(maps, Iterable):
         raise InputError("fuse", type(maps).__name__, "maps, as [gs.Map.load(path), ...]")
@@ -74,10 +76,10 @@ def fuse(maps: Iterable[Map], same_frame: bool = False, names: Sequence[str] | N
             raise InputError(
                 "fuse: mean free path", f"{grid.mean_free_path_m:g} m and {path:g} m", "the same in all"
             )
-    cell = min(grid.cell_m for grid in ordered)
-    origin = np.min([grid.origin_m for grid in ordered], axis=0)
+    finest = min(ordered, key=lambda grid: grid.cell_m)  # whose cells stay where they are
+    cell, low = finest.cell_m, np.min([grid.origin_m for grid in ordered], axis=0)
     corner = np.max([grid.corner_m for grid in ordered], axis=0)
-    columns, rows = (int(n) for n in np.rint((corner - origin) / cell))
+    origin, (rows, columns) = covering((finest.origin_m, cell), low, corner)
     if rows * columns > LARGEST_CELLS:
         raise InputError(
             "fuse: extent", f"{rows} x {columns} cells together", f"at most {LARGEST_CELLS} cells"

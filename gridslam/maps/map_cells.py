@@ -14,6 +14,7 @@ from scipy.special import expit, logit
 from gridslam.errors import InputError
 from gridslam.estimate_tables import FeatureEstimate, SurfaceEstimate, SurfaceStretches
 from gridslam.io.covariances import require_covariance
+from gridslam.maps.lattices import ON_LATTICE, Lattices
 from gridslam.maps.map_anchors import MapAnchors
 from gridslam.world.given import finite
 from gridslam.world.levels import COEFFICIENTS
@@ -21,8 +22,6 @@ from gridslam.world.radio import REFLECTION_BINS
 
 ANCHOR_KEYS = ("anchors", "anchor_x_m", "anchor_y_m")
 """Parallel lists in a map's provenance."""
-ON_LATTICE = 1e-6
-"""Largest deviation, in cells, at which two grids still count as aligned."""
 LEVELS = ("floor", "ceiling")
 """Whose coefficients a map may hold."""
 BELIEVED = 1e-6
@@ -260,53 +259,44 @@ class MapCells:
         )
 
     def resample(self, origin_m: ArrayLike, cell_m: float, shape: tuple[int, int]) -> Self:
-        """Carry the map over to another grid on the same lattice, without interpolation.
+        """Carry the map over to another grid, without interpolation.
 
-        A finer cell takes over the cell that it lies in; a coarser one takes over the most occupied of the
-        observed cells in it. Cells beyond the old edge are unobserved. The prior follows the cell size.
+        A finer cell takes over the cell that its centre lies in; a coarser one takes over the most occupied
+        of the observed cells whose centres lie in it (docs/model/grid.md). Cells beyond the old edge are
+        unobserved. The prior follows the cell size.
 
         Parameters
         ----------
         origin_m : (2,) float, m
             Lower-left corner of the new grid.
         cell_m : float, m
-            New cell side: the old one times or divided by an integer.
+            New cell side.
         shape : (int, int)
             New number of cells (ny, nx).
 
         Raises
         ------
         InputError
-            Cell sizes are no integer ratio, the lattices are shifted, or the grids don't overlap.
+            The grids don't overlap, or numbers aren't finite.
         """
         origin, _ = finite(origin_m, "map: origin_m"), finite(cell_m, "map: cell_m")
+        _require(cell_m > 0, "cell_m", cell_m, "a length above 0 m")
         same = np.allclose(origin, self.origin_m, rtol=0, atol=1e-12) and tuple(shape) == self.shape
         if same and cell_m == self.cell_m:
             return self
-        finer, coarser = (max(1, round(r)) for r in (self.cell_m / cell_m, cell_m / self.cell_m))
-        if abs(cell_m * finer - self.cell_m * coarser) > ON_LATTICE * self.cell_m:
-            allowed = f"{self.cell_m} m times or divided by an integer"
-            raise InputError("map: cell_m", f"{cell_m} m for a map of {self.cell_m} m", allowed)
-        shift = (origin - self.origin_m) / cell_m * coarser  # in the smaller of the two cells
-        offset = np.rint(shift).astype(int)
-        if np.abs(shift - offset).max() > ON_LATTICE * max(1.0, *np.abs(shift)):
-            allowed = f"{self.origin_m.tolist()} m plus whole cells"
-            raise InputError("map: origin_m", f"{origin.tolist()} m", allowed)
         corner = origin + cell_m * np.array(shape[::-1])
         slack = ON_LATTICE * min(cell_m, self.cell_m)
         if (np.minimum(corner, self.corner_m) - np.maximum(origin, self.origin_m) < slack).any():
             allowed = f"a grid that overlaps {self.origin_m.tolist()} to {self.corner_m.tolist()} m"
             raise InputError("map: extent", f"{origin.tolist()} to {corner.tolist()} m", allowed)
 
-        # candidates[ry, rx, k]: the k-th small cell inside each new cell, as an index into the old grid
-        rows, columns = (
-            (offset[axis] + np.arange(n)[:, None] * coarser + np.arange(coarser)) // finer
-            for axis, n in ((1, shape[0]), (0, shape[1]))
-        )
+        lattices = Lattices.of((self.origin_m, self.cell_m), (origin, float(cell_m)))
+        # row, column: (ny, nx, k), the k-th old cell that a new one may take over
+        rows, there_y = lattices.taken_over(1, self.shape[0], shape[0])
+        columns, there_x = lattices.taken_over(0, self.shape[1], shape[1])
+        inside = (there_y[:, None, :, None] & there_x[None, :, None, :]).reshape(*shape, -1)
         row, column = np.broadcast_arrays(rows[:, None, :, None], columns[None, :, None, :])
         row, column = (np.reshape(a, (*shape, -1)) for a in (row, column))
-        inside = (row >= 0) & (row < self.shape[0]) & (column >= 0) & (column < self.shape[1])
-        row, column = np.where(inside, row, 0), np.where(inside, column, 0)
         seen = inside & self.observed[row, column]
         chosen = np.where(seen, self.evidence[row, column], -np.inf).argmax(axis=-1)[..., None]
         row, column = (np.take_along_axis(a, chosen, axis=-1)[..., 0] for a in (row, column))
@@ -318,7 +308,7 @@ class MapCells:
             evidence=np.where(observed, self.evidence[row, column], 0),
             coefficient=np.where(observed[..., None], self.coefficient[row, column], 0),
             observed=observed,
-            prior=self.prior if coarser == finer else float(-np.expm1(-cell_m / self.mean_free_path_m)),
+            prior=self.prior if lattices.ratio == 1 else float(-np.expm1(-cell_m / self.mean_free_path_m)),
         )
 
 

@@ -83,11 +83,11 @@ def test_without_walls_the_track_is_scored_and_the_map_is_not(say, tmp_path):
 @pytest.mark.slow
 def test_map_of_other_cells_is_resampled_and_said(say, short_room, no_figures, mapped):
     _, run = mapped
-    run.map.resample(run.map.origin_m, 0.2, (38, 48)).save("coarse.h5")
+    run.map.resample(run.map.origin_m, 0.23, (34, 42)).save("coarse.h5")
     result = say("run", short_room, "--agent", "agent2", "--map", "coarse.h5", "-o", "out")
     assert result.code == 0
     assert result.complaints == [
-        "note: coarse.h5: 48 x 38 cells of 0.2 m resampled to the scene's 96 x 76 cells of 0.1 m"
+        "note: coarse.h5: 42 x 34 cells of 0.23 m resampled to the scene's 96 x 76 cells of 0.1 m"
     ]
     assert gs.Map.load("out/map.h5").cell_m == 0.1
     again = ("run", short_room, "--agent", "agent2", "--seed", 1)

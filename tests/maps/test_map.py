@@ -279,8 +279,7 @@ def test_coarse_cell_takes_over_its_most_occupied_part():
 @pytest.mark.parametrize(
     ("origin", "cell", "where"),
     [
-        ((0.05, 0), 0.1, "origin_m"),
-        ((0, 0), 0.15, "cell_m"),
+        ((0, 0), -0.1, "cell_m"),
         ((50, 0), 0.1, "extent"),
         ((0.4, 0), 0.1, "extent"),
     ],
