@@ -191,10 +191,15 @@ def _walls(file: Path, geographic: bool, unit: str | None, layer: list[str]) -> 
 
 
 def _remarks(plan: Plan, anchor: list[str], start: str | None) -> list[str]:
-    """What was taken for granted where nothing was told, and the walls by material."""
+    """What was taken for granted where nothing was told, walls drawn twice, and the walls by material."""
+    from gridslam.world.scene_derived import repeats_note
+    from gridslam.world.scene_parts import Wall
+
     notes = [f"--anchor {text}: {UNTURNED}" for text in anchor if text.count(",") == 1]
     notes += [f"--start {start}: {UNTURNED}"] if start is not None and start.count(",") == 1 else []
     notes += [f"{far}; the region to map reaches there" for far in plan.outside]
+    twice = repeats_note([Wall.checked(line.wall, plan.source) for line in plan.lines])
+    notes += [twice] if twice else []
     lines = [f"note: {told}" for told in notes]
     for name, (value, why) in plan.materials.items():
         count = sum(item.material == name for item in plan.lines)

@@ -6,14 +6,18 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gridslam.arrays import Array
 from gridslam.errors import InputError
-from gridslam.world.geometry import Segments, surfaces_of
+from gridslam.world.geometry import Segments, distance_to_segments, surfaces_of
+from gridslam.world.overlaps import clipped
 from gridslam.world.scene_parts import Agent, Anchor, Wall
 from gridslam.world.trajectory import Trajectory
 from gridslam.world.waypoints import smooth_track
 
+MOST_NAMED = 3
+"""Walls that repeat others, up to which each is named."""
 LEAST_PRIOR = 1e-4
 """Half width of a start prior that a filter is told at least (m, m/s, rad)."""
 
@@ -21,16 +25,62 @@ LEAST_PRIOR = 1e-4
 def segments_of(walls: Sequence[Wall], materials: Mapping[str, float]) -> Segments:
     """Straight pieces of all walls, arcs as facets; collinear pieces share a surface.
 
-    The coefficient of those that don't reflect is 0.
+    Where reflecting pieces of one surface overlap, the overlap belongs to the wall listed first alone: both
+    would reflect each path. Other pieces are as drawn, to the bit. The coefficient of those that don't
+    reflect is 0.
     """
-    corners = [wall.corners for wall in walls]
-    start = np.concatenate([np.zeros((0, 2)), *(points[:-1] for points in corners)])
-    end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in corners)])
-    wall = np.repeat(np.arange(len(corners)), [len(points) - 1 for points in corners]).astype(np.intp)
+    start, end, wall = _drawn(walls)
+    surface = surfaces_of(start, end)
     coefficient = [materials[w.material] if w.material and w.reflects else 0.0 for w in walls]
     reflection = np.array(coefficient)[wall]
     curved = np.array([w.arc is not None for w in walls], dtype=bool)[wall]
-    return Segments(start, end, reflection, surfaces_of(start, end), wall, np.where(curved, wall, -1))
+    piece, share, _, _ = clipped(start, end, surface, _ranks(walls, wall))
+    span, whole = end[piece] - start[piece], (share == [0.0, 1.0])[:, :, None]
+    cut = start[piece][:, None] + share[:, :, None] * span[:, None]
+    ends = np.where(whole, np.stack([start[piece], end[piece]], 1), cut)
+    return Segments(
+        np.ascontiguousarray(ends[:, 0]), np.ascontiguousarray(ends[:, 1]), reflection[piece],
+        surface[piece], wall[piece], np.where(curved, wall, -1)[piece],
+    )  # fmt: skip
+
+
+def _drawn(walls: Sequence[Wall]) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Pieces of walls as drawn: starts and ends (P, 2), m, and their walls (P,)."""
+    corners = [wall.corners for wall in walls]
+    start = np.concatenate([np.zeros((0, 2)), *(points[:-1] for points in corners)])
+    end = np.concatenate([np.zeros((0, 2)), *(points[1:] for points in corners)])
+    count = [len(points) - 1 for points in corners]
+    wall = np.repeat(np.arange(len(corners)), count).astype(np.intp)
+    return start, end, wall
+
+
+def _ranks(walls: Sequence[Wall], wall: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Who of overlapping pieces (P,) stays whole: the first listed, but what blocks all first; or -1."""
+    later = np.array([w.blocks != "all" for w in walls], dtype=bool)[wall]
+    mirrors = np.array([w.reflects for w in walls], dtype=bool)[wall]
+    return np.where(mirrors, np.arange(len(wall)) + later * len(wall), -1).astype(np.intp)
+
+
+def repeated_walls(walls: Sequence[Wall]) -> list[str]:
+    """Which walls repeat others, and how much of them: "walls[1] repeats 6 m of walls[0]"."""
+    start, end, wall = _drawn(walls)
+    _, _, pair, length_m = clipped(start, end, surfaces_of(start, end), _ranks(walls, wall))
+    sums: dict[tuple[int, int], float] = {}
+    for (later, first), metres in zip(wall[pair].tolist(), length_m.tolist(), strict=True):
+        sums[later, first] = sums.get((later, first), 0.0) + metres
+    called = [f"walls[{n}]" + (f" ({w.name!r})" if w.name else "") for n, w in enumerate(walls)]
+    return [
+        f"{called[later]} repeats {metres:.3g} m of {'itself' if later == first else called[first]}"
+        for (later, first), metres in sums.items()
+    ]
+
+
+def repeats_note(walls: Sequence[Wall]) -> str | None:
+    """What to say of walls that repeat others, in one line; None if none does."""
+    found = repeated_walls(walls)
+    rest = f" and {len(found) - MOST_NAMED} more" * (len(found) > MOST_NAMED)
+    meaning = "what is there twice reflects once, as the wall listed first"
+    return f"{', '.join(found[:MOST_NAMED])}{rest}: {meaning}" if found else None
 
 
 def surface_names(walls: Sequence[Wall], pieces: Segments) -> list[str]:
@@ -43,10 +93,11 @@ def surface_names(walls: Sequence[Wall], pieces: Segments) -> list[str]:
     names = []
     for surface in range(int(pieces.surface.max(initial=-1)) + 1):
         piece = np.argmax(np.where(pieces.surface == surface, length, -1.0))
-        own = np.flatnonzero(pieces.wall == pieces.wall[piece])
         wall = walls[pieces.wall[piece]]
+        corners, middle = wall.corners, 0.5 * (pieces.start[piece] + pieces.end[piece])
+        side = int(distance_to_segments(middle, corners[:-1], corners[1:]).argmin())  # pieces may be cut
         part = "facet" if wall.arc is not None else "side"
-        which = f", {part} {piece - own[0] + 1}" if len(own) > 1 else ""
+        which = f", {part} {side + 1}" if len(corners) > 2 else ""
         names.append(f"{wall.name}{which}" if wall.name else "")
     once = {name for name in names if name and names.count(name) == 1}
     numbers = [f"surface {number + 1}" for number in range(len(names))]

@@ -213,6 +213,15 @@ def test_anchor_far_outside_the_walls_is_said(say, tmp_path):
     assert "note: anchor A at 90, 5.2 m stands 82.0 m outside the walls" in reported
 
 
+def test_a_side_that_two_rooms_share_is_said(say, tmp_path):
+    rooms = [[[x, 0], [x + 8, 0], [x + 8, 6], [x, 6], [x, 0]] for x in (0, 8)]
+    save(tmp_path / "plan.geojson", *(feature("Polygon", [room]) for room in rooms))
+    said = say("scene", "import", "plan.geojson", "-o", "rooms.toml")[1]
+    assert "note: walls[1] repeats 6 m of walls[0]: what is there twice reflects once" in " ".join(
+        said.split()
+    )
+
+
 def test_an_anchor_in_centimetres_is_named_before_any_memory(say, tmp_path):
     save(tmp_path / "plan.geojson", feature("Polygon", [ROOM]))
     code, *_, said = say("scene", "import", "plan.geojson", "-o", "far.toml", "--anchor", "500,520,0")

@@ -9,6 +9,7 @@ from gridslam.simulation.image_source import visible
 from gridslam.wording import counted
 from gridslam.world.radio import SPEED_OF_LIGHT
 from gridslam.world.scene import Scene
+from gridslam.world.scene_derived import repeats_note
 from gridslam.world.scene_parts import Agent, Anchor
 
 LEAST_CARRIER_HZ, LEAST_BANDWIDTH_HZ = 1e6, 1e5
@@ -38,7 +39,8 @@ def scene_lines(scene: Scene) -> list[str]:
     lines = [f"scene {scene.name}: {counts}, {size} cells of {scene.grid.cell_m:g} m"]
     lines += [f"suspect: {found}" for found in implausible_radio(scene)]
     lines += _beyond(scene)
-    lines += [f"note: {found}" for found in [hidden_note(scene), clock_note(scene)] if found]
+    notes = [repeats_note(scene.walls), hidden_note(scene), clock_note(scene)]
+    lines += [f"note: {found}" for found in notes if found]
     for agent in scene.agents:
         if scene.walls and agent.waypoints_m:
             lines.append(f"  {agent.name}: {_in_sight(scene, scene.track(agent.name).position_m)}")
