@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gridslam.errors import InputError
+from gridslam.wording import counted
 
 if TYPE_CHECKING:
     from gridslam.world.observation import Kind
@@ -17,6 +18,41 @@ def named_file(item: str) -> tuple[str | None, Path]:
     """Agent and file of ``NAME=FILE``, or of a file alone, which may have such a sign in its name."""
     name, sign, rest = item.partition("=")
     return (name, Path(rest)) if sign and not Path(item).exists() else (None, Path(item))
+
+
+def files_by_agent(option: str, items: Sequence[str], agents: Sequence[str]) -> dict[str | None, Path]:
+    """Files of what agents heard: NAME=FILE of each, or one for each agent in their order; None: of the one.
+
+    Parameters
+    ----------
+    items : sequence of str
+        Values of `option`.
+    agents : sequence of str
+        Those that were named by --agent.
+
+    Raises
+    ------
+    InputError
+        Several that don't say whose they are, and aren't as many as agents; two of one agent, or one of
+        another than was named.
+    """
+    given = [named_file(item) for item in items]
+    each = "NAME=FILE of each, or one file for each --agent, in their order"
+    if len(given) > 1 and all(name is None for name, _ in given):
+        if len(given) != len(agents):
+            raise InputError(option, f"{len(given)} files for {counted(len(agents), '--agent')}", each)
+        given = [(name, path) for name, (_, path) in zip(agents, given, strict=True)]
+    found = dict[str | None, Path]()
+    for name, path in given:
+        if name is None and len(given) > 1:
+            raise InputError(option, f"{path} beside files of named agents", each)
+        if name in found:
+            raise InputError(option, f"{name}={path}", f"one file of agent {name}")
+        found[name] = path
+    named = [name for name in found if name is not None]
+    if named and agents and set(named) != set(agents):
+        raise InputError(option, f"of {', '.join(named)}", f"of {', '.join(agents)}, as --agent says")
+    return found
 
 
 def require_kind(measurements: Path | None, signal: Path | None, takes: Kind, method: str) -> None:
@@ -52,15 +88,13 @@ def agents_of(world: Scene, chosen: list[str] | None, files: Mapping[str | None,
         Of what agents heard, if it isn't simulated, by their names; None: of the one agent.
     """
     measurements, named = bool(files), [name for name in files if name is not None]
-    if named and chosen and set(named) != set(chosen):
-        raise InputError("--signal", f"of {', '.join(named)}", f"of {', '.join(chosen)}, as --agent says")
     names = chosen or named or [agent.name for agent in world.agents[: 1 if measurements else None]]
     if not names:
         raise InputError(f"{world.name}: agents", "none", "at least one")
     if measurements and not named and len(names) > 1:
         file = files[None]
         found = f"{', '.join(names)}, with one file whose rows don't say whose they are ({file})"
-        allowed = "one agent, a table with a column agent, or --signal NAME=FILE of each"
+        allowed = "one agent, a table with a column agent, or a file for each (NAME=FILE, or in order)"
         raise InputError("--agent", found, allowed)
     if len(set(names)) < len(names):
         raise InputError("--agent", ", ".join(names), "each agent once")

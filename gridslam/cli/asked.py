@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
-from gridslam.cli.agents import named_file, require_kind
+from gridslam.cli.agents import files_by_agent, named_file, require_kind
 from gridslam.cli.help import SCENE_HELP, method_names, scene_names
 from gridslam.cli.options import flag, map_in
 from gridslam.cli.resume import as_saved
@@ -39,12 +39,16 @@ class RunOptions:
     steps: Annotated[int | None, typer.Option(min=1, help="the first steps of each agent alone")] = None
     seed: Annotated[int, typer.Option(min=0)] = 0
     measurements: Annotated[
-        Path | None,
-        typer.Option(help="CSV, MATLAB or HDF5 file of the one agent, or of all that --agent names"),
+        list[str] | None,
+        typer.Option(
+            help="CSV, MATLAB or HDF5 file of the one agent, or of all that --agent names; or one each"
+        ),
     ] = None
     signal: Annotated[
         list[str] | None,
-        typer.Option(help="FILE of samples, for methods that take them; of several agents in turn NAME=FILE"),
+        typer.Option(
+            help="FILE of samples, for methods that take them; of several agents one each, or NAME=FILE"
+        ),
     ] = None
     truth: Annotated[
         list[str] | None,
@@ -121,23 +125,32 @@ class Asked(RunOptions):
         InputError
             One of the other kind, both kinds, several that don't say whose they are, or no scene for them.
         """
-        signals = [named_file(item) for item in self.signal or ()]
-        first = signals[0][1] if signals else None
-        require_kind(self.measurements, first, takes, self.method)
+        tables, signals = self.measurements or [], self.signal or []
+        table, first = (named_file(items[0])[1] if items else None for items in (tables, signals))
+        require_kind(table, first, takes, self.method)
         scene = self.context.get_parameter_source("scene")
-        if (self.measurements or first) and scene is not None and scene.name == "DEFAULT":
-            given = f"none, with {self.measurements or first}"
+        if (table or first) and scene is not None and scene.name == "DEFAULT":
+            given = f"none, with {table or first}"
             raise InputError("SCENE", given, "the scene in which this was heard: a bundled name or a file")
-        if self.measurements is not None:
-            return {None: self.measurements}
-        found = dict[str | None, Path]()
-        for name, path in signals:
-            if name is None and len(signals) > 1:
-                raise InputError("--signal", str(path), "NAME=FILE, where there are several files")
-            if name in found:
-                raise InputError("--signal", f"{name}={path}", f"one file of agent {name}")
-            found[name] = path
-        return found
+        option, items = ("--measurements", tables) if tables else ("--signal", signals)
+        return files_by_agent(option, items, self.agent or [])
+
+    @property
+    def table(self) -> Path | None:
+        """The one file of all agents' path measurements, for methods that take them at once.
+
+        Raises
+        ------
+        InputError
+            There are several, or it is said to be one agent's.
+        """
+        given = [named_file(item) for item in self.measurements or ()]
+        if len(given) > 1 or any(name is not None for name, _ in given):
+            found = (
+                f"{', '.join(self.measurements or ())}, with method {self.method!r}, which takes all at once"
+            )
+            raise InputError("--measurements", found, "one file, of all agents: a table with a column agent")
+        return given[0][1] if given else None
 
     def start_how(self, file: Path | None) -> str:
         """What agents are told of their start: of what was recorded, the scene's own is all that is known.

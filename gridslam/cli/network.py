@@ -40,7 +40,7 @@ def run_network(asked: Asked) -> None:
 
     world = asked.world
     _refuse_contradictions(asked)
-    how = asked.start_how(asked.measurements)
+    how = asked.start_how(asked.table)
     with (
         interruptible() as termination,
         reserved(asked.output, world.name, asked.overwrite, asked.resume is not None) as (folder, place),
@@ -67,7 +67,7 @@ def run_network(asked: Asked) -> None:
 
 def _refuse_contradictions(asked: Asked) -> None:
     """Refuse options that methods of several agents don't take, or not together."""
-    recorded = asked.measurements is not None
+    recorded = asked.table is not None
     if asked.signal:
         found = f"{asked.signal[0]}, with method {asked.method!r}, which takes path measurements"
         raise InputError("--signal", found, "--measurements FILE")
@@ -82,22 +82,22 @@ def _stand_in(asked: Asked) -> list[str]:
     """Which method stands for the one that was asked for."""
     if asked.instead_of is None:
         return []
-    labels = "" if asked.measurements else f"; labels are simulated, too (without: --method {asked.method})"
+    labels = "" if asked.table else f"; labels are simulated, too (without: --method {asked.method})"
     found = f"{asked.world.name}: clocks aren't known, so {asked.instead_of} is {asked.method}"
     return [f"{found}, which finds them, those of all agents at once{labels}"]
 
 
 def _notes_of_rows(asked: Asked, heard: NetworkMeasurements) -> list[str]:
     """What a file's rows look like."""
-    if asked.measurements is None:
+    if asked.table is None:
         return []
-    note = simulated_note(asked.world, asked.measurements, heard.agents, heard.table)
+    note = simulated_note(asked.world, asked.table, heard.agents, heard.table)
     return [] if note is None else [note]
 
 
 def _hints(asked: Asked, heard: NetworkMeasurements) -> list[str]:
     """What else may be asked for, of rows that were recorded, or none."""
-    return hints(asked.world, asked.method, heard.table if asked.measurements is not None else None)
+    return hints(asked.world, asked.method, heard.table if asked.table is not None else None)
 
 
 def _mapped(
@@ -139,7 +139,7 @@ def _concluded(
     notes = [lambda: map_notes(prior, done.map, asked.map_file) + whole_walls_notes(runs)]
     notes.append(lambda: heading_notes(asked.world, runs, observed))
     notes.append(lambda: drift_notes(asked.world, done))
-    if asked.measurements is not None:
+    if asked.table is not None:
         notes += [
             lambda: truth_notes(asked.world, runs, observed),
             lambda: unknown_notes(asked.world, runs, observed),
@@ -150,7 +150,7 @@ def _concluded(
         notes,
     )
     with held_back() as late:  # whatever is computed by now is written
-        files = [] if asked.measurements is None else [asked.measurements]
+        files = [] if asked.table is None else [asked.table]
         more: dict[str, Any] = source(files) | {"network": whole}
         if files:  # nobody knows how exact it is
             more["start"] = "scene"
@@ -175,10 +175,10 @@ def _network_observations(asked: Asked) -> tuple[NetworkMeasurements, NetworkTru
     from gridslam.simulation.network import simulate_network
 
     world = asked.world
-    if asked.measurements is None:
+    if asked.table is None:
         names = asked.agent or [agent.name for agent in world.agents]
         return simulate_network(world, names, asked.seed, unlabelled=asked.instead_of is None)
-    return with_tracks(asked, recorded_network(world, asked.measurements, asked.agent)), None
+    return with_tracks(asked, recorded_network(world, asked.table, asked.agent)), None
 
 
 def with_tracks(asked: Asked, measurements: NetworkMeasurements) -> NetworkMeasurements:

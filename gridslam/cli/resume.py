@@ -24,9 +24,9 @@ SETTLED = {
 """Options on which the result depends, by the names of their parameters: as they were, or left out."""
 FREE = ("threads", "checkpoint", "overwrite")
 """Options that may be given anew."""
-SOURCES = ("measurements", "map_file")
+SOURCES = ("map_file",)
 
-NAMED = ("truth", "signal")
+NAMED = ("measurements", "truth", "signal")
 """Those that may say whose a file is."""
 
 

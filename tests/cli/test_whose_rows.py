@@ -77,6 +77,56 @@ def test_run_takes_the_rows_of_the_agent_that_is_named(say, tmp_path, monkeypatc
     np.testing.assert_array_equal(*(file["steps/position_m"][:] for file in tracks))
 
 
+@pytest.mark.slow
+def test_run_takes_a_table_of_each_agent_in_their_order_or_by_name(say, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gridslam.viewers.plots.draw_all", lambda part, run=None: [])
+    whole = gs.Scene.load("canyon").model_dump(exclude_none=True)
+    whole["agents"] = [agent | {"steps": 3} for agent in whole["agents"]]
+    (tmp_path / "short.toml").write_text(gs.Scene.checked(whole, "short").to_toml())
+    for name in ("agent1", "agent2"):
+        assert say("simulate", "short.toml", "--agent", name, "-o", f"{name}.csv").code == 0
+    both = "--agent", "agent1", "--agent", "agent2"
+    ordered = "--measurements", "agent1.csv", "--measurements", "agent2.csv"
+    named = "--measurements", "agent2=agent2.csv", "--measurements", "agent1=agent1.csv"
+    for folder, words in (("ordered", (*both, *ordered)), ("named", (*both, *named))):
+        result = say("run", "short.toml", *words, "-o", folder)
+        assert result.code == 0, result.err
+        summary = json.loads((tmp_path / folder / "run.json").read_text())
+        assert list(summary["agents"]) == ["agent1", "agent2"]
+        assert [one["file"] for one in summary["source"]] == ["agent1.csv", "agent2.csv"]
+        for name in summary["agents"]:
+            kept = gs.Measurements.from_h5(tmp_path / folder / name / "measurements.h5")
+            heard = gs.Measurements.from_csv(tmp_path / f"{name}.csv", kept.anchors)
+            np.testing.assert_array_equal(kept.distance_m, heard.distance_m)
+
+
+def test_files_that_are_too_few_or_too_many_are_refused_in_one_line(say, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    both = "--agent", "agent1", "--agent", "agent2"
+    for agents, files, said in (
+        (
+            both[:2],
+            ("a.csv", "b.csv"),
+            "--measurements: found 2 files for 1 --agent; allowed: NAME=FILE of each",
+        ),
+        ((), ("a.csv", "b.csv"), "--measurements: found 2 files for 0 --agents; allowed: NAME=FILE of each"),
+        (both, ("a.csv", "b.csv", "c.csv"), "--measurements: found 3 files for 2 --agents"),
+        (both, ("agent1=a.csv", "b.csv"), "--measurements: found b.csv beside files of named agents"),
+        (both, ("agent1=a.csv", "agent1=b.csv"), "--measurements: found agent1=b.csv; allowed: one file"),
+        (both, ("agent1=a.csv",), "--measurements: found of agent1; allowed: of agent1, agent2"),
+        (
+            (*both, "--method", "network"),
+            ("a.csv", "b.csv"),
+            "one file, of all agents: a table with a column",
+        ),
+    ):
+        given = (word for file in files for word in ("--measurements", file))
+        result = say("run", "canyon", *agents, *given, "-o", "x")
+        assert (result.code, len(result.complaints), said in result.err) == (2, 1, True), result.err
+    assert not (tmp_path / "x").exists()
+
+
 def test_several_agents_want_a_table_that_says_whose_its_rows_are(say, fleet, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "one.csv").write_text("step,time_s,anchor,distance_m\n0,0,A,1.5\n")
