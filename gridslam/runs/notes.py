@@ -87,7 +87,10 @@ def silence_note(agent: str, unheard: Sequence[int], steps: int) -> str | None:
     if len(longest) < LAST:
         return None
     where = f"from step {longest[0]} to {longest[-1]}"
-    return f"{agent}: nothing was heard at {len(gone)} of {steps} steps, the longest time {where}"
+    said = f"{agent}: nothing was heard at {len(gone)} of {steps} steps, the longest time {where}"
+    if longest[0] > 0:
+        return said
+    return f"{said}, from the start on; if the start is where the table begins, count its steps from 0"
 
 
 def unsaid_note(agent: str, score: Mapping[str, Any], method: str) -> str | None:

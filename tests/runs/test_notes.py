@@ -139,6 +139,8 @@ def test_a_long_silence_is_told_and_a_short_one_isnt():
     told = silence_note("a", (3, *range(60, 110)), 161)
     assert told == "a: nothing was heard at 51 of 161 steps, the longest time from step 60 to 109"
     assert silence_note("a", (), 161) is None
+    assert "count" not in told
+    assert silence_note("a", tuple(range(60)), 161).endswith("count its steps from 0")
     assert silence_note("a", tuple(range(0, 40, 2)), 161) is None
 
 

@@ -156,7 +156,7 @@ def other_start(
     own = _from_the_scenes(table, scene, agent)
     if own.explained >= least_share(scene) and own.evidence > sight.evidence - CERTAIN:
         return None, own
-    text = start_words(sight.start, there, body.start_heading_deg)
+    text = start_words(sight.start, there, body.start_heading_deg, int(table["step"][0]))
     sure = sight.evidence > best.evidence + RIVAL
     if there and gap_rad > ASIDE_RAD and not one_in_sight(sight):
         # an array that is mounted otherwise fits as well
@@ -193,7 +193,7 @@ def one_in_sight(sight: Sight) -> bool:
     return int((np.nan_to_num(sight.shares) >= UNSEEN).sum()) < 2
 
 
-def start_words(start: Array, there: bool, heading_deg: float) -> str:
+def start_words(start: Array, there: bool, heading_deg: float, first: int = 0) -> str:
     """What is said of a start from which a table fits.
 
     Parameters
@@ -201,6 +201,8 @@ def start_words(start: Array, there: bool, heading_deg: float) -> str:
     start : (3,) m, m, rad
     there : bool
         Whether its place is the told one.
+    first : int
+        The table's first step, which the pose is of; the scene's start is that of step 0.
     """
     facing = f"{round(float(np.degrees(start[2])))} degrees"
     if there:
@@ -209,7 +211,8 @@ def start_words(start: Array, there: bool, heading_deg: float) -> str:
     place = f"about ({start[0]:.1f}, {start[1]:.1f}) m"
     return (
         f"start_m and start_heading_deg don't fit: with a start at {place} and "
-        f"a heading of {facing} the table does as it stands; they are to be those of the table's first step"
+        f"a heading of {facing} the table does as it stands; they are to be those of "
+        + (f"step 0, {first} silent steps before the table's first" if first else "the table's first step")
     )
 
 

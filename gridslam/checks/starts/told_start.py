@@ -42,7 +42,7 @@ def other_start_told(table: Columns, scene: Scene, agent: str | None) -> Suspici
     start, body = ties.start, scene.agent(agent)
     if start.spread_m > KNOWN_M or at_odds(ties.handovers):
         return None
-    far = start.gap_m > max(body.prior.position_m, 0.1) * np.sqrt(2) + NEAR_M + SIGMAS * start.spread_m
+    far = lies_far(start, scene, agent)
     turned = start.spread_rad < KNOWN_RAD and bool(
         abs(start.gap_rad) > np.radians(body.prior.heading_deg) + NEAR_RAD + SIGMAS * start.spread_rad
     )
@@ -50,7 +50,9 @@ def other_start_told(table: Columns, scene: Scene, agent: str | None) -> Suspici
         return None
     told = np.radians(body.start_heading_deg)
     facing = float(wrap(told + (start.gap_rad if np.isfinite(start.gap_rad) else 0.0)))
-    texts = [start_words(np.array([*start.place, facing]), not far, body.start_heading_deg)]
+    texts = [
+        start_words(np.array([*start.place, facing]), not far, body.start_heading_deg, int(table["step"][0]))
+    ]
     if not far:
         texts.append(arrivals_words(start.gap_rad))
         if _goes(start, told) and not _goes(start, facing):  # an agent goes ahead, mostly
@@ -67,6 +69,12 @@ def other_start_told(table: Columns, scene: Scene, agent: str | None) -> Suspici
         f"put the agent {off} from the told start"
     )
     return Suspicion("start", "start", "; or ".join(texts), len(texts) == 1, reason)
+
+
+def lies_far(start: Beginning, scene: Scene, agent: str) -> bool:
+    """Whether the first lines of sight put the agent farther from the told start than its prior allows."""
+    near = max(scene.agent(agent).prior.position_m, 0.1) * np.sqrt(2) + NEAR_M
+    return bool(start.gap_m > near + SIGMAS * start.spread_m)
 
 
 def _goes(start: Beginning, facing_rad: float) -> bool:

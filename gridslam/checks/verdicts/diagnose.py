@@ -19,6 +19,7 @@ from gridslam.checks.columns.deviations import degrees, too_exact, variances
 from gridslam.checks.columns.noise import noise
 from gridslam.checks.scene.lines import implausible_radio
 from gridslam.checks.sights.line_of_sight_filter import explain
+from gridslam.checks.starts.late_tables import begins_at_start, late_line
 from gridslam.checks.tables.fillers import padding
 from gridslam.checks.tables.repeats import repeats_line
 from gridslam.checks.tables.unit_hypotheses import ANGLES, Suspicion, absurd, beyond_radio, finite
@@ -95,6 +96,7 @@ def describe(path: str | os.PathLike[str], scene: Scene | None = None, agent: st
     # is told but what numbers alone show
     judge = None if odd or loose or fault is not None else scene
     found = suspicions(columns, names, judge, agent, degrees, numbers)
+    lines += _late(columns, _anchors(names, judge, numbers) if judge is not None else None, judge, agent)
     lines += _suspected(columns, odd, found, fault)
     if loose:
         lines.append(
@@ -128,6 +130,19 @@ def _suspected(
     suspect += filter(None, (repeats_line(columns), time_units.strides_line(columns["step"])))
     refused = [*([] if fault is None else [fault]), *missing]
     return [*(f"suspect: {item}" for item in suspect), *(f"refused: {item}" for item in refused)]
+
+
+def _late(
+    columns: Columns, place: NDArray[np.intp] | None, scene: Scene | None, agent: str | None
+) -> list[str]:
+    """That a table begins late, as a line: suspect where its first rows are at the start, else a remark."""
+    said = late_line(columns)
+    if said is None:
+        return []
+    if scene is None or place is None:
+        return [f"  {said}"]
+    table = columns | {"anchor": place[columns["anchor"]]}
+    return [f"suspect: {said}" if begins_at_start(table, scene, _whose(scene, agent)) else f"  {said}"]
 
 
 def _whose(scene: Scene, agent: str | None) -> str | None:
