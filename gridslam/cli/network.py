@@ -246,7 +246,9 @@ def recorded_network(world: Scene, file: Path, agents: list[str] | None) -> Netw
     with located(file):
         check_network(world, measurements)
     times = np.array([measurements.table.scan(step).time_s for step in range(len(measurements))])
-    times = times - times[0]  # stamps may be of any epoch; `present_s` counts from where the table begins
+    spans = [body.present_s[1] for body in world.agents if body.present_s]
+    if spans and times[0] > max(spans):  # of another epoch: counted from where the table begins
+        times = times - times[0]
     within = [body.name for body in world.agents if body.present_s and body.present_s[0] <= times[-1]]
     wanted = agents or [name for name in known if name in measurements.agents or name in within]
     for name in wanted:

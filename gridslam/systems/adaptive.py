@@ -110,7 +110,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = back_in_scene(framed, state, anchor_scan.anchor, model)
         exchanges.append(exchange)
     exchanges, measured = in_turn(exchanges), state
-    if is_outage(exchanges):  # (M580)
+    if is_outage(exchanges, recalled):  # (M580)
         state = representation.park(recalled, through_outage(recalled, model), model, work=work)
         return conclude(state, exchanges, calibration_used, model, work)
     state = learn_surface_walks(recalled, state)  # (M361)

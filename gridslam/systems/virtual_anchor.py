@@ -81,7 +81,7 @@ def step(state: State, scan: Scan, model: FilterModel, work: Workspace) -> tuple
         state = state if model.settings.correlated else replace(state, belief=separated(state.belief))
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
-    if is_outage(exchanges):  # (M580)
+    if is_outage(exchanges, predicted):  # (M580)
         return conclude(through_outage(predicted, model), exchanges, calibration_used, model, work)
     radio = calibration_used.tuned(model.radio, 0)  # rings ask for amplitudes, which are one for all anchors
     state = ranging.join_shrunk_rings(state, radio, model)  # docs/model.md, section 8

@@ -82,6 +82,8 @@ class HealthMonitor:
         Largest standard deviation of the position since a line of sight was seen, m; (M533).
     early : float
         Of an agent of a network: share of the latest steps at which a path arrived before any line of sight.
+    off : int
+        Steps for which nobody has listened, (M580).
     trial : int
         Steps for which this place, put up against one that is called wrong, isn't given up.
     """
@@ -96,6 +98,7 @@ class HealthMonitor:
     since: int = 1_000_000
     crowd: int = 0
     dropped: int = 0
+    off: int = field(default=0, metadata=LATER)
     lost: int = field(default=0, metadata=LATER)
     look: FreshLook = field(default=FreshLook(), metadata=LATER)
     leap_m: float = field(default=0.0, metadata=LATER)
@@ -114,6 +117,7 @@ class HealthMonitor:
             explained=KEEP * self.explained,
             loud=KEEP * self.loud,
             silent=0 if scan_size else self.silent + 1,
+            off=0 if scan_size else self.off,
             since=self.since + 1,
             since_leap=self.since_leap + 1,
             since_well=self.since_well + 1,

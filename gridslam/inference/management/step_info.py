@@ -13,6 +13,8 @@ from gridslam.arrays import Array, replace
 from gridslam.estimates import Health
 from gridslam.inference.beliefs.calibration import Calibration
 from gridslam.inference.management.free_turn import position_spread
+from gridslam.inference.messages.outages import log_evidence
+from gridslam.inference.messages.updates import Exchange
 from gridslam.inference.state.state import State
 from gridslam.inference.workspace.workspace import Workspace
 from gridslam.world.filter_model import FilterModel
@@ -60,6 +62,8 @@ class StepInfo:
         Ratio of true to stated amplitude that was used.
     teaches : bool
         Whether what several agents share took anything from it: new surfaces of one that is lost are gone.
+    silence : float or None
+        Log of the step's normaliser where nothing was heard, (M580).
     """
 
     exchanges: Sequence[Any]
@@ -69,10 +73,13 @@ class StepInfo:
     turned: Array
     gain: float
     teaches: bool = True
+    silence: float | None = None
 
     @cached_property
     def log_evidence(self) -> float:
         """Log of the step's normaliser: that of each anchor given the ones before, in ratio to clutter."""
+        if self.silence is not None:
+            return self.silence
         return sum(exchange.log_evidence for exchange in self.exchanges)
 
     def doubted(self, reason: str, instead: str = "") -> StepInfo:
@@ -118,7 +125,11 @@ def conclude(
     found_again = monitor.since == 0
     state = replace(state, calibration=calibration, monitor=monitor, step=state.step + 1)
     times, turned = work.times(), calibration_used.turned
-    return state, StepInfo(tuple(exchanges), health, times, found_again, turned, calibration_used.gain)
+    of_paths = [exchange for exchange in exchanges if isinstance(exchange, Exchange)]
+    silence = log_evidence(of_paths, state) if of_paths else None
+    return state, StepInfo(
+        tuple(exchanges), health, times, found_again, turned, calibration_used.gain, silence=silence
+    )
 
 
 def telling_sights(state: State) -> Array:

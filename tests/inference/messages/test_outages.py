@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import gridslam as gs
-from gridslam.inference.messages.outages import is_outage
+from gridslam.inference.messages.outages import is_outage, log_evidence
+from gridslam.world.network_scan import NetworkScan
 
 ROOM = gs.Scene.load("room")
 METHODS = [gs.GridSlam, gs.AdaptiveSlam]
@@ -78,6 +79,11 @@ def silence(*missed, measurements=0):
     )
 
 
+def waiting(off=0):
+    """A state for which nobody has listened for so many steps."""
+    return SimpleNamespace(monitor=SimpleNamespace(off=off))
+
+
 @pytest.mark.parametrize(
     ("exchanges", "off"),
     [
@@ -89,4 +95,37 @@ def silence(*missed, measurements=0):
     ],
 )
 def test_it_takes_paths_that_are_missed_together_once_in_a_thousand_steps(exchanges, off):
-    assert is_outage(exchanges) is off
+    assert is_outage(exchanges, waiting()) is off
+    somebody = exchanges[1].message.shape[2] > 0
+    assert is_outage(exchanges, waiting(1)) is not somebody  # it lasts until something is heard
+
+
+def test_a_silence_is_evidence_once_and_no_more_than_an_outage_is_rare():
+    """Whoever knows most paths would lose most by it: by hand, log(0.0005 + 0.001), then nothing."""
+    exchanges = [silence(0.01), silence(0.05)]
+    assert log_evidence(exchanges, waiting(1)) == pytest.approx(math.log(0.0015))
+    assert log_evidence(exchanges, waiting(2)) == 0
+    assert log_evidence([silence(0.5)], waiting()) == pytest.approx(math.log(0.501))
+    assert log_evidence([silence(0.5, measurements=1)], waiting()) is None
+
+
+@pytest.mark.slow
+def test_an_outage_lasts_however_far_motion_alone_leads():
+    """It expects ever less there: after 32 steps hardly anything, which isn't to be taken for missed."""
+    slam, before, _ = after(gs.GridSlam, 60, 45)
+    assert slam.state.monitor.off == 45
+    np.testing.assert_allclose(slam.map().surfaces.existence, before.surfaces.existence, atol=1e-5)
+    assert (slam.state.los > 0.9).all()
+
+
+@pytest.mark.parametrize("method", [gs.NetworkSlam, gs.NetworkGridSlam])
+def test_walls_of_several_agents_last_as_well(method):
+    slam, heard = method(ROOM, agents=["agent1"], seed=0), gs.simulate(ROOM, ["agent1"], 3)
+    scans = list(heard)[:30]
+    for scan in scans:
+        slam.step(scan)
+    before = slam.map().surfaces
+    for step in range(30, 36):
+        slam.step(NetworkScan(step, float(step), (nothing(step),)))
+    now = slam.map().surfaces
+    assert set(before.identity[before.existence > 0.9]) <= set(now.identity[now.existence > 0.9])
