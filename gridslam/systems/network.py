@@ -32,7 +32,6 @@ from gridslam.inference.messages.network.clock_ties import challenge_ties
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
 from gridslam.inference.messages.network.motion import predict_all
 from gridslam.inference.messages.network.walk import learn_walk
-from gridslam.inference.messages.outages import is_outage, unheard
 from gridslam.inference.messages.path_prediction import predict_paths
 from gridslam.inference.messages.ray_amplitudes import (
     predict_amplitudes,
@@ -211,9 +210,9 @@ def turn(
     """One agent's messages about its view: most of those of adaptive SLAM, on all anchors' paths at once.
 
     Left out are what earlier steps left over (M251), elevations and levels (M302) to (M305), anchors at
-    unsure places (M569), and what spares or parks walls out of sight (M495), (M575). Added, where clocks
-    aren't known: births held against double bounces (M491), what isn't to correct anything (M461), (M496),
-    and lengths by amplitudes (M542).
+    unsure places (M569), outages (M580), and what spares or parks walls out of sight (M495), (M575). Added,
+    where clocks aren't known: births held against double bounces (M491), what isn't to correct anything
+    (M461), (M496), and lengths by amplitudes (M542).
 
     Parameters
     ----------
@@ -230,7 +229,6 @@ def turn(
     model = work.calibrated(model, calibration_used.turned)
     senders = bearing_anchors(network, agent)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
-    predicted = state
     for anchor_scan in scans:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths = predict_paths(state, anchor_scan.anchor, model, work=work)
@@ -257,8 +255,6 @@ def turn(
         state = start_amplitudes(state, born, anchor_scan, model.radio)
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
-    if is_outage(exchanges, predicted):  # (M580)
-        return conclude(unheard(predicted), exchanges, calibration_used, model, work)
     return conclude(state, exchanges, calibration_used, model, work)
 
 

@@ -19,7 +19,6 @@ from gridslam.inference.messages.likelihood_ratios import evaluate
 from gridslam.inference.messages.mirrors import weigh_angles
 from gridslam.inference.messages.network.cells import update_shared_cells
 from gridslam.inference.messages.network.departures import without_doubtful_departures, without_open_clocks
-from gridslam.inference.messages.outages import is_outage, unheard
 from gridslam.inference.messages.reflection import Reflected
 from gridslam.inference.messages.scatterers import weigh_forms
 from gridslam.inference.messages.strengths import correct_by_strengths
@@ -81,7 +80,6 @@ def turn(
     model = work.calibrated(model, calibration_used.turned)
     senders = bearing_anchors(network, agent)
     state, scans = by_anchor(state, scan, network, earlier_s, model, work)
-    predicted = state
     for anchor_scan in scans:
         radio = state.calibration.tuned(model.radio, anchor_scan.anchor)
         paths, visible = cast_paths(state, anchor_scan.anchor, model, work=work)  # eq. (1)
@@ -103,8 +101,6 @@ def turn(
         state, exchange, _ = add_births(state, births, anchor_scan, exchange, radio, model, work=work)
         exchanges.append(exchange)
     exchanges = in_turn(exchanges)
-    if is_outage(exchanges, predicted):  # (M580)
-        return conclude(unheard(predicted), exchanges, calibration_used, model, work)
     return conclude(state, exchanges, calibration_used, model, work)
 
 

@@ -38,15 +38,11 @@ def is_outage(exchanges: Sequence[Exchange], before: State) -> bool:
 
 def through_outage(predicted: State, model: FilterModel) -> State:
     """The state after a step at which nobody listened: as predicted, and surfaces don't fade meanwhile."""
-    bank = predicted.surfaces
+    bank, monitor = predicted.surfaces, predicted.monitor
     existence = np.minimum(bank.existence / model.settings.survival, SUREST)
-    return unheard(replace(predicted, surfaces=replace(bank, existence=existence)))
-
-
-def unheard(predicted: State) -> State:
-    """The state after such a step of one of several agents: as predicted."""
-    monitor = predicted.monitor
-    return replace(predicted, monitor=replace(monitor, off=monitor.off + 1))
+    return replace(
+        predicted, surfaces=replace(bank, existence=existence), monitor=replace(monitor, off=monitor.off + 1)
+    )
 
 
 def log_evidence(exchanges: Sequence[Exchange], after: State) -> float | None:

@@ -45,7 +45,7 @@ def test_check_says_so_of_scene_and_table(say, tmp_path):
 def test_walls_in_other_units_are_suspected_and_long_ones_are_not(times, unit):
     room = gs.Scene.load("room")
     data = room.model_dump(exclude_none=True)
-    drawn = {**data["walls"][0], "name": "drawn", "points_m": [(0.0, 1.0), (4.0, 1.0)]}
+    drawn = {**data["walls"][0], "name": "drawn", "points_m": [(0.0, 1.0), (4.0, 1.0)], "closed": False}
     for factor, begins in ((times, "suspect: drawn reaches"), (8, "note: walls reach out")):
         drawn["points_m"] = [(factor * x, factor * y) for x, y in ((0.0, 1.0), (4.0, 1.0))]
         (line,) = [

@@ -8,7 +8,6 @@ import pytest
 
 import gridslam as gs
 from gridslam.inference.messages.outages import is_outage, log_evidence
-from gridslam.world.network_scan import NetworkScan
 
 ROOM = gs.Scene.load("room")
 METHODS = [gs.GridSlam, gs.AdaptiveSlam]
@@ -116,16 +115,3 @@ def test_an_outage_lasts_however_far_motion_alone_leads():
     assert slam.state.monitor.off == 45
     np.testing.assert_allclose(slam.map().surfaces.existence, before.surfaces.existence, atol=1e-5)
     assert (slam.state.los > 0.9).all()
-
-
-@pytest.mark.parametrize("method", [gs.NetworkSlam, gs.NetworkGridSlam])
-def test_walls_of_several_agents_last_as_well(method):
-    slam, heard = method(ROOM, agents=["agent1"], seed=0), gs.simulate(ROOM, ["agent1"], 3)
-    scans = list(heard)[:30]
-    for scan in scans:
-        slam.step(scan)
-    before = slam.map().surfaces
-    for step in range(30, 36):
-        slam.step(NetworkScan(step, float(step), (nothing(step),)))
-    now = slam.map().surfaces
-    assert set(before.identity[before.existence > 0.9]) <= set(now.identity[now.existence > 0.9])
